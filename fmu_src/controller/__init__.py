@@ -1,0 +1,1 @@
+"""Assemblies that turn estimated motion into piezo voltages."""

@@ -1,0 +1,1 @@
+"""Estimators of the instrument's pose from its sensors."""

@@ -1,0 +1,122 @@
+"""A model: one pure sampled function and the records it works on.
+
+    (x[k+1], y[k]) = step(p, u[k], x[k], T)
+
+`step` is recorded once as a CasADi function; C code, FMUs and Python runs all come from that
+recording. Optional: `derive(p, T)` computes what follows from the parameters alone (it runs when
+they change, not at every sample), and `draws` standard normal numbers arrive with every sample.
+"""
+
+import inspect
+import sys
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Any
+
+import casadi as ca
+
+from fmu_src.kit.noise import standard_normal
+from fmu_src.kit.records import Derived, Inputs, Outputs, Parameters, Scalar, State
+
+
+class NoDerived(Derived):
+    """For models whose parameters are used as they are."""
+
+
+@dataclass(frozen=True)
+class Model:
+    """A sampled model under its FMU's name.
+
+    Args:
+        name: FMU and model identifier, a C identifier.
+        step: `step(p, u, x, T)` returning `(State, Outputs)`; it takes `derived=` too where there
+            is a `derive`, and `normal=`, a column of `draws` standard normal numbers.
+        parameters: record class; its seed, where `draws` is not 0, is the field `seed`.
+        inputs: record class.
+        state: record class.
+        outputs: record class.
+        sample_period: T [s].
+        derived: record class of what `derive` returns.
+        derive: `derive(p, T)` returning `derived`.
+        draws: standard normal numbers for each sample.
+    """
+
+    name: str
+    step: Callable[..., tuple[State, Outputs]]
+    parameters: type[Parameters]
+    inputs: type[Inputs]
+    state: type[State]
+    outputs: type[Outputs]
+    sample_period: float
+    derived: type[Derived] = NoDerived
+    derive: Callable[..., Derived] | None = None
+    draws: int = 0
+
+    @property
+    def documentation(self) -> str:
+        """Docstring of the module that defines the step: equations and notation."""
+        return inspect.getdoc(sys.modules[self.step.__module__]) or ""
+
+    @property
+    def summary(self) -> str:
+        """First line of the documentation."""
+        return self.documentation.partition("\n")[0].rstrip(".")
+
+    @cached_property
+    def step_function(self) -> ca.Function:
+        """`(p, d, u, x, r) -> (x', y)`, columns; r are uniform draws in (0, 1)."""
+        p, d, u, x = (
+            ca.SX.sym(letter, record.size())
+            for letter, record in zip(
+                "pdux", (self.parameters, self.derived, self.inputs, self.state), strict=True
+            )
+        )
+        r = ca.SX.sym("r", self.draws)
+        extra: dict[str, Any] = {}
+        if self.derive is not None:
+            extra["derived"] = self.derived.unpack(d)
+        if self.draws:
+            extra["normal"] = standard_normal(r)
+        following, out = self.step(
+            self.parameters.unpack(p),
+            self.inputs.unpack(u),
+            self.state.unpack(x),
+            self.sample_period,
+            **extra,
+        )
+        columns = [following.pack(), out.pack()]
+        names = [*"pdux", "r"]
+        return ca.Function("step", [p, d, u, x, r], columns, names, ["x_next", "y"], {"cse": True})
+
+    @cached_property
+    def slope_function(self) -> ca.Function:
+        """`(p, d, u, x, r, du) -> dy`: how outputs of a sample answer a change of its inputs."""
+        arguments = self.step_function.sx_in()
+        du = ca.SX.sym("du", self.inputs.size())
+        y = self.step_function.call(arguments, True, False)[1]
+        dy = ca.densify(ca.jtimes(y, arguments[2], du))
+        names = [*"pdux", "r", "du"]
+        return ca.Function("slope", [*arguments, du], [dy], names, ["dy"], {"cse": True})
+
+    @cached_property
+    def derive_function(self) -> ca.Function:
+        """`p -> d`, columns."""
+        p = ca.SX.sym("p", self.parameters.size())
+        derived = (
+            self.derive(self.parameters.unpack(p), self.sample_period)
+            if self.derive
+            else NoDerived()
+        )
+        return ca.Function("derive", [p], [derived.pack()], ["p"], ["d"], {"cse": True})
+
+    @cached_property
+    def variables(self) -> dict[str, list[Scalar]]:
+        """All scalars by FMI causality, in the order of the value references."""
+        return {
+            "parameter": list(self.parameters.scalars()),
+            "calculatedParameter": list(self.derived.scalars()),
+            "input": list(self.inputs.scalars()),
+            "output": list(self.outputs.scalars()),
+            "local": list(self.state.scalars("state.")),
+        }

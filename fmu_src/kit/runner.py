@@ -1,0 +1,121 @@
+"""Run a model in Python, without an FMU: for studies, identification and tests."""
+
+import difflib
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+
+from fmu_src.kit.errors import SteadytipError
+from fmu_src.kit.model import Model
+from fmu_src.kit.noise import uniforms
+from fmu_src.kit.records import Field, Record
+
+
+class Runner:
+    """One instance of a model: parameters fixed at the start, state carried along.
+
+    Args:
+        model: what to run.
+        parameters: values other than the declared starts, by field (`wflc.gain_frequency`, `w`) or
+            by element (`w[2]`).
+
+    Raises:
+        SteadytipError: an unknown name, or an array of another shape.
+    """
+
+    def __init__(self, model: Model, parameters: Mapping[str, Any] | None = None) -> None:
+        self.model = model
+        self.p = model.parameters.starts()
+        for name, value in (parameters or {}).items():
+            _assign(self.p, model.parameters, name, value)
+        self.d = np.array(model.derive_function(self.p)).ravel()
+        self.x = model.state.starts()
+        self.samples = 0
+        names = [scalar.name for scalar in model.parameters.scalars()]
+        self._seed = int(self.p[names.index("seed")]) if model.draws else 0
+
+    def run(self, samples: int, inputs: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:
+        """Run some samples and return every output.
+
+        Args:
+            samples: how many.
+            inputs: by field; either one value of the field's shape, held all along, or one for each
+                sample, shape (samples, *field shape). Inputs not named keep their start values.
+
+        Returns:
+            For each output field an array of shape (samples, *field shape).
+
+        Raises:
+            SteadytipError: an unknown name, or an array of another shape.
+        """
+        table = np.tile(self.model.inputs.starts(), (samples, 1))
+        for name, value in (inputs or {}).items():
+            _assign(table, self.model.inputs, name, value)
+        draws = uniforms(self._seed, self.samples, samples, self.model.draws)
+
+        function: Any = self.model.step_function
+        buffer, evaluate = function.buffer()
+        u, r = np.empty(table.shape[1]), np.empty(draws.shape[1])
+        following, y = np.empty(len(self.x)), np.empty(self.model.outputs.size())
+        arguments, outcomes = (self.p, self.d, u, self.x, r), (following, y)
+        for place, array in enumerate(arguments):
+            buffer.set_arg(place, array.data)
+        for place, array in enumerate(outcomes):
+            buffer.set_res(place, array.data)
+        results = np.empty((samples, len(y)))
+        for k in range(samples):
+            u[:], r[:] = table[k], draws[k]
+            evaluate()
+            self.x[:] = following
+            results[k] = y
+        self.samples += samples
+        return {
+            name: _unstack(results[:, place], field)
+            for name, field, place in _places(self.model.outputs)
+        }
+
+
+def _places(record: type[Record], prefix: str = "", at: int = 0) -> list[tuple[str, Field, slice]]:
+    """Path, field and slice of the stacked vector, of every field, nested ones by dotted path."""
+    found = []
+    for name, field in record.fields.items():
+        if isinstance(field, Field):
+            found.append((prefix + name, field, slice(at, at + field.size)))
+            at += field.size
+        else:
+            found += _places(field, f"{prefix}{name}.", at)
+            at += field.size()
+    return found
+
+
+def _unstack(columns: np.ndarray, field: Field) -> np.ndarray:
+    # Matrices are stacked by columns.
+    cut = columns.reshape(len(columns), *reversed(field.shape))
+    return cut.transpose(0, *reversed(range(1, cut.ndim)))
+
+
+def _assign(target: np.ndarray, record: type[Record], name: str, value: Any) -> None:
+    """Write a value into the last axis of `target`, at the place of the named field or element."""
+    elements = {scalar.name: at for at, scalar in enumerate(record.scalars())}
+    if name in elements:
+        target[..., elements[name]] = value
+        return
+    places = {path: (field, place) for path, field, place in _places(record)}
+    if name not in places:
+        near = difflib.get_close_matches(name, [*places, *elements], 1)
+        hint = f"; the nearest is '{near[0]}'" if near else ""
+        raise SteadytipError(f"{record.__qualname__} has no variable '{name}'{hint}")
+    field, place = places[name]
+    array = np.asarray(value, dtype=float)
+    shape = (*target.shape[:-1], *field.shape)
+    try:
+        array = np.broadcast_to(array, shape)
+    except ValueError:
+        raise SteadytipError(
+            f"{record.__qualname__}.{name}: got the shape {array.shape}, needed is {field.shape},"
+            f" or {shape} for a value at each sample"
+        ) from None
+    lead = target.ndim - 1
+    stacked = array.transpose(*range(lead), *reversed(range(lead, array.ndim)))
+    target[..., place] = stacked.reshape(*target.shape[:-1], field.size)

@@ -1,0 +1,1 @@
+"""Kinematics of the manipulator that moves the tip against the handle."""

@@ -1,0 +1,222 @@
+"""Inverse kinematics of the three-legged parallel manipulator (A04 6.3).
+
+Three legs, each a stack behind a lever, carry a platform with the shaft on it. Leg i stands on a
+pin at the base, swings in the vertical plane through its pin (angle 0, 120, 240 deg about z_0) and
+holds the platform at a ball joint. The constraint equations are Lee and Shah's (A04 6.7 to 6.18),
+solved here without A04's quartic (6.23), which was scanned with errors.
+
+With R_01 = [n o a] the pin planes demand (A04 6.14, 6.17, 6.18)
+
+    n_y = o_x,   y_c = -r n_y,   x_c = r (n_x - o_y) / 2.
+
+The first says that the platform's quaternion is (w, e_x, e_y, 0): it tilts about a horizontal axis
+and never twists. With the complex numbers e = e_y - i e_x, d = d_x + i d_y the rest becomes
+
+    x_c + i y_c = -r conj(e)^2,   a_x + i a_y = 2 w e,   w^2 = 1 - |e|^2,   a_z = 1 - 2 |e|^2,
+
+and a tip (6.19, 6.20) at the lateral place d needs a tilt e that solves
+
+    2 l w e - r conj(e)^2 = d,   that is   e = (d + r conj(e)^2) / (2 l w).
+
+The right side moves by some r |e| / l of what e moves, 0.001 within reach, so that ITERATIONS of
+it from e = 0 leave nothing but rounding. What remains is explicit:
+
+    z_c = z_0 + d_z - l (a_z - 1)                                       (6.21)
+    L_i = |P_1 + R_01 b_i - p_i|,   lambda_i = (L_i - L_0) / k
+
+A04 relates the stack to the height of the ball joint (6.49 to 6.51); here it is the leg's length,
+which differs by less than 0.1 nm over the workspace. A demand that asks for strokes outside the
+stacks' range gets the nearest stroke of each stack, and is flagged.
+
+The frame 0 is parallel to the body frame B, x_0 through leg 1; displacements count from the tip at
+zero stroke, and longer legs push the tip to +z.
+
+| symbol | field | meaning |
+| --- | --- | --- |
+| d | displacement | tip less tip at zero stroke, in frame 0 |
+| lambda_i | strokes | strokes of the stacks |
+| R, r | base_radius, platform_radius | pins from z_0, ball joints from z_1 |
+| l | shaft_length | platform centre to tip |
+| L_0 | leg_length | legs at zero stroke |
+| k | lever_gain | leg extension by stack stroke |
+| p_i, b_i | | pin i in frame 0, ball joint i in frame 1 |
+| P_1 = (x_c, y_c, z_c) | | platform centre, z_0 the one of zero stroke |
+| e_x, e_y, w | tilt | quaternion of the platform |
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
+
+LEG_ANGLES = np.radians([0.0, 120.0, 240.0])
+"""Directions of the legs about z_0 (A04 6.1)."""
+ITERATIONS = 6
+"""Of the tilt; each is worth some three digits within reach."""
+LARGEST_LATERAL = 0.25
+"""Lateral demand, in shaft lengths, to which a longer one is shortened so that it has a tilt.
+Twenty times the reach, hence of no effect but on demands that are limited anyway."""
+ROUNDING = 1e-13
+"""Stroke beyond the range that does not count as such [m]."""
+
+
+class Geometry(Parameters):
+    """Dimensions of the mechanism."""
+
+    base_radius = real(
+        "m", "R, pins from the centre", start=design.PLATFORM_RADIUS, min=1e-3, max=20e-3
+    )
+    platform_radius = real(
+        "m", "r, ball joints from the centre", start=design.PLATFORM_RADIUS, min=1e-3, max=20e-3
+    )
+    shaft_length = real(
+        "m", "l, platform centre to tip", start=design.SHAFT_LENGTH, min=20e-3, max=0.2
+    )
+    leg_length = real(
+        "m", "L_0, legs at zero stroke; of second order only", start=20e-3, min=20e-3, max=0.2
+    )
+    lever_gain = real(
+        None,
+        "k, extension of a leg by stroke of its stack",
+        start=design.LEVER_GAIN,
+        min=1.0,
+        max=20.0,
+    )
+    longest_stroke = real(
+        "m", "stroke that a stack can be asked for", start=design.STACK_STROKE, min=1e-6, max=1e-4
+    )
+
+
+class In(Inputs):
+    """Where the tip shall be."""
+
+    displacement = real(
+        "m", "d, tip less tip at zero stroke, in frame 0", shape=3, axes="xyz", min=-0.1, max=0.1
+    )
+
+
+class Out(Outputs):
+    """Strokes that bring it there."""
+
+    strokes = real("m", "lambda, strokes of the stacks within their range", shape=3)
+    reachable = boolean("whether no stroke had to be limited")
+
+
+class Resting(State):
+    """Kinematics has no memory."""
+
+
+def height(p: Geometry, strokes: Any) -> ca.SX:
+    """Platform height z_c when all stacks have the same stroke [m]."""
+    lean = p.base_radius - p.platform_radius
+    return ca.sqrt((p.leg_length + p.lever_gain * strokes) ** 2 - lean**2)
+
+
+def tilt(p: Geometry, lateral: Any) -> ca.SX:
+    """Quaternion parts e_x, e_y of the platform whose tip is displaced sideways, (2,).
+
+    Args:
+        p: dimensions.
+        lateral: d_x, d_y, (2,) [m]; shortened to LARGEST_LATERAL where it is longer.
+    """
+    longest = LARGEST_LATERAL * p.shaft_length
+    d = lateral * longest / ca.sqrt(ca.fmax(ca.sumsqr(lateral), longest**2))
+    ex: Any = 0.0
+    ey: Any = 0.0
+    for _ in range(ITERATIONS):
+        w = ca.sqrt(1 - ex**2 - ey**2)
+        ex, ey = (
+            -(d[1] + 2 * p.platform_radius * ex * ey) / (2 * p.shaft_length * w),
+            (d[0] + p.platform_radius * (ey**2 - ex**2)) / (2 * p.shaft_length * w),
+        )
+    return ca.vertcat(ex, ey)
+
+
+def pose(p: Geometry, e: Any, z_c: Any) -> tuple[ca.SX, ca.SX]:
+    """Platform that keeps the pin planes, and its tip.
+
+    Args:
+        p: dimensions.
+        e: e_x, e_y, (2,).
+        z_c: height of the platform centre [m].
+
+    Returns:
+        Lengths of the legs, (3,) [m], and the tip in frame 0, (3,) [m].
+    """
+    rotation = rotations.matrix(ca.vertcat(ca.sqrt(1 - ca.sumsqr(e)), e, 0.0))
+    centre = ca.vertcat(
+        p.platform_radius * (rotation[0, 0] - rotation[1, 1]) / 2,
+        -p.platform_radius * rotation[1, 0],
+        z_c,
+    )
+    outward = np.array([np.cos(LEG_ANGLES), np.sin(LEG_ANGLES), np.zeros(3)])
+    legs = [
+        centre + p.platform_radius * rotation @ radial - p.base_radius * radial
+        for radial in map(ca.DM, outward.T)
+    ]
+    lengths = ca.vertcat(*(ca.sqrt(ca.sumsqr(leg)) for leg in legs))
+    return lengths, centre + p.shaft_length * rotation[:, 2]
+
+
+def inverse(p: Geometry, displacement: Any) -> ca.SX:
+    """Strokes that bring the tip to a place, not limited to the stacks' range, (3,) [m].
+
+    Args:
+        p: dimensions.
+        displacement: d, tip less tip at zero stroke, in frame 0, (3,) [m].
+    """
+    e = tilt(p, displacement[:2])
+    # a_z - 1 = -2 |e|^2
+    z_c = height(p, 0.0) + displacement[2] + 2 * p.shaft_length * ca.sumsqr(e)
+    lengths, _ = pose(p, e, z_c)
+    return (lengths - p.leg_length) / p.lever_gain
+
+
+def forward(p: Geometry, strokes: Any) -> ca.SX:
+    """Where strokes bring the tip: d, (3,) [m], by Newton's method on the legs' lengths.
+
+    For the workspace and for checks; the controller does not need it.
+
+    Args:
+        p: dimensions.
+        strokes: lambda, (3,) [m].
+    """
+    unknown = ca.SX.sym("unknown", 3)
+    wanted = ca.SX.sym("wanted", 3)
+    dimensions = ca.SX.sym("dimensions", p.size())
+    lengths, tip = pose(Geometry.unpack(dimensions), unknown[:2], unknown[2])
+    residual = lengths - wanted
+    correction = ca.solve(ca.jacobian(residual, unknown), residual)
+    newton = ca.Function("newton", [unknown, wanted, dimensions], [unknown - correction])
+    place = ca.Function("place", [unknown, dimensions], [tip])
+
+    now = ca.vertcat(0.0, 0.0, height(p, ca.sum1(strokes) / 3))
+    for _ in range(ITERATIONS):
+        now = newton(now, p.leg_length + p.lever_gain * strokes, p.pack())
+    rest = ca.vertcat(0.0, 0.0, height(p, 0.0) + p.shaft_length)
+    return place(now, p.pack()) - rest
+
+
+def limited(p: Geometry, strokes: Any) -> tuple[ca.SX, ca.SX]:
+    """Strokes within the stacks' range, each limited by itself, and whether none had to be.
+
+    Args:
+        p: dimensions.
+        strokes: lambda, (3,) [m].
+
+    Returns:
+        Strokes, (3,) [m], and 1 or 0.
+    """
+    within = ca.fmin(ca.fmax(strokes, 0.0), p.longest_stroke)
+    return within, ca.mmax(ca.fabs(strokes - within)) <= ROUNDING
+
+
+def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
+    """One sample."""
+    strokes, reachable = limited(p, inverse(p, u.displacement))
+    return x, Out(strokes=strokes, reachable=reachable)
+
+
+MODEL = Model("Parallel3Dof", step, Geometry, In, Resting, Out, sample_period=1e-3)

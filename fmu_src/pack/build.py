@@ -1,0 +1,142 @@
+"""Find the models and build their FMUs, each only when its content has changed."""
+
+import difflib
+import hashlib
+import importlib
+import importlib.metadata
+import pkgutil
+from collections.abc import Callable, Collection, Iterable
+from functools import cache
+from pathlib import Path
+
+import fmu_src
+import plants
+from fmu_src.kit import Model, SteadytipError
+from fmu_src.pack import archive, native
+
+FLAVOURS = ("native", "python")
+_PACKAGES = (fmu_src, plants)
+_NOT_MODELS = ("fmu_src.kit", "fmu_src.pack")
+_BUILD = Path("build")
+
+
+@cache
+def _modules() -> dict[str, str]:
+    """Module of each model, by the model's name; a module with a `MODEL` is one."""
+    found = {}
+    for package in _PACKAGES:
+        for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
+            if info.ispkg or info.name.startswith(_NOT_MODELS):
+                continue
+            model = getattr(importlib.import_module(info.name), "MODEL", None)
+            if isinstance(model, Model):
+                found[model.name] = info.name
+    return found
+
+
+def model_names() -> list[str]:
+    """Names of all models, sorted."""
+    return sorted(_modules())
+
+
+def load_model(name: str) -> Model:
+    """The model of that name.
+
+    Raises:
+        SteadytipError: there is none; names the nearest.
+    """
+    modules = _modules()
+    if name not in modules:
+        near = difflib.get_close_matches(name, modules, 1)
+        hint = f"; the nearest is '{near[0]}'" if near else ""
+        raise SteadytipError(f"no model '{name}'{hint}. There are: {', '.join(sorted(modules))}")
+    model: Model = importlib.import_module(modules[name]).MODEL
+    return model
+
+
+def build(
+    names: Iterable[str] | None = None,
+    flavour: str = "native",
+    out: Path | None = None,
+    progress: Callable[[str], None] = lambda name: None,
+    targets: Collection[str] | None = None,
+) -> dict[str, Path]:
+    """Build FMUs that are missing or older than their content.
+
+    A stamp beside each FMU holds a digest of all sources, so that an FMU known to be up to date
+    costs no import of its model, and the GUID, so that it is compiled again only when its own
+    content has changed.
+
+    Args:
+        names: models; all by default.
+        flavour: `native` (C, this platform) or `python`.
+        out: folder of the FMUs; `build/fmus/<flavour>` by default.
+        progress: called with a model's name before it is built; not for one that is up to date.
+        targets: platforms of a native FMU, by folder name, or `all`; this one by default.
+
+    Returns:
+        Path of each FMU.
+
+    Raises:
+        SteadytipError: an unknown model, flavour or target, or a compiler that refuses.
+    """
+    if flavour not in FLAVOURS:
+        raise SteadytipError(f"flavour '{flavour}' must be one of {', '.join(FLAVOURS)}")
+    folder = out or _BUILD / "fmus" / flavour
+    wanted = model_names() if names is None else names
+    platforms = native.chosen(targets) if flavour == "native" else []
+    return {name: _build_one(name, flavour, platforms, folder, progress) for name in wanted}
+
+
+def _build_one(
+    name: str, flavour: str, platforms: list[str], folder: Path, progress: Callable[[str], None]
+) -> Path:
+    path = folder / f"{name}.fmu"
+    stamp = path.with_suffix(".stamp")
+    known = stamp.read_text(encoding="utf-8").split() if path.is_file() and stamp.is_file() else []
+    sources, packing, built = (*known, "", "", "")[:3]
+    # An FMU for more platforms than are asked for will do.
+    enough = bool(known) and set(platforms) <= set(built.split(","))
+    if sources == _SOURCES and enough:
+        return path
+
+    from fmu_src.pack import csource, description, documents, python_flavour
+
+    model = load_model(name)
+    guid = description.content_guid(model, csource.sources(model, ""))
+    # What makes an FMU of a model, beside the model: this package and the tools it calls.
+    wanted = _digest((importlib.import_module("fmu_src.pack"),), guid)
+    if packing != wanted or not enough:
+        progress(name)
+        if flavour == "python":
+            files = python_flavour.files(model, guid)
+        else:
+            files = native.files(model, guid, platforms, _BUILD / "c")
+        archive.write(path, {**files, **documents.files(model, flavour)})
+        built = ",".join(platforms or ["any"])
+    stamp.write_text(f"{_SOURCES} {wanted} {built}", encoding="utf-8")
+    return path
+
+
+def _digest(packages: Iterable[object], *words: str) -> str:
+    """Hash of every source file of some packages, the tools' versions, and some words."""
+    tools = [f"{tool} {_version(tool)}" for tool in ("casadi", "ziglang", "pythonfmu")]
+    found = hashlib.sha256("\n".join([*words, *tools]).encode())
+    for package in packages:
+        root = Path(str(package.__file__)).parent  # type: ignore[attr-defined]
+        for file in sorted(root.rglob("*")):
+            if file.suffix in (".py", ".c"):
+                found.update(f"\n{file.relative_to(root).as_posix()}\n".encode())
+                found.update(file.read_bytes())
+    return found.hexdigest()[:32]
+
+
+def _version(distribution: str) -> str:
+    try:
+        return importlib.metadata.version(distribution)
+    except importlib.metadata.PackageNotFoundError:
+        return "none"
+
+
+_SOURCES = _digest(_PACKAGES)
+"""Taken on import, before any model is: sources that change later must not pass for those built."""

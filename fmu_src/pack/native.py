@@ -1,0 +1,166 @@
+"""The native flavour: C sources and binaries, compiled by the zig that comes as a Python wheel.
+
+No other compiler is needed, and every platform's binary can be built on every platform. The same
+sources give the same bytes: paths are relative, and nothing of the machine gets in.
+"""
+
+import os
+import platform
+import struct
+import subprocess
+import sys
+import tempfile
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from fmu_src.kit import Model, SteadytipError
+from fmu_src.pack import csource
+from fmu_src.pack.description import describe
+
+
+@dataclass(frozen=True)
+class Slice:
+    """What one compilation makes: a target of zig, the ending and flags of its libraries."""
+
+    triple: str
+    suffix: str
+    flags: tuple[str, ...]
+
+
+_ELF = ("-fPIC", "-s", "-lm")
+# An absolute install name would tell of this machine.
+_MACH = ("-g0", "-Wl,-install_name,@rpath/{name}.dylib")
+_LINUX = Slice("x86_64-linux-gnu.2.17", ".so", _ELF)
+_LINUX_ARM = Slice("aarch64-linux-gnu.2.17", ".so", _ELF)
+_WINDOWS = Slice("x86_64-windows-gnu", ".dll", ("-s",))
+_MAC = Slice("x86_64-macos.11.0", ".dylib", _MACH)
+_MAC_ARM = Slice("aarch64-macos.11.0", ".dylib", _MACH)
+TARGETS: dict[str, tuple[Slice, ...]] = {
+    "linux64": (_LINUX,),
+    "aarch64-linux": (_LINUX_ARM,),
+    "win64": (_WINDOWS,),
+    "darwin64": (_MAC, _MAC_ARM),
+    "aarch64-darwin": (_MAC, _MAC_ARM),
+}
+"""Folders of FMI 2.0 and the slices in them; both of Apple's get the same universal library."""
+_HOSTS = {
+    ("Linux", "x86_64"): "linux64",
+    ("Linux", "aarch64"): "aarch64-linux",
+    ("Windows", "AMD64"): "win64",
+    ("Darwin", "x86_64"): "darwin64",
+    ("Darwin", "arm64"): "aarch64-darwin",
+}
+# No fused multiply-add: then platforms agree to the last bits, bit for bit without sin and cos.
+_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared")
+# Mach-O universal: magic, and CPU type and subtype by the first part of zig's triple.
+_FAT_MAGIC = 0xCAFEBABE
+_CPU = {"x86_64": (0x01000007, 3), "aarch64": (0x0100000C, 0)}
+_FAT_ALIGNMENT = 14
+
+
+def host() -> str:
+    """Folder of the platform that this Python runs on.
+
+    Raises:
+        SteadytipError: no binary can be built for it.
+    """
+    key = (platform.system(), platform.machine())
+    if key not in _HOSTS:
+        known = ", ".join(f"{system} {machine}" for system, machine in _HOSTS)
+        raise SteadytipError(
+            f"no native FMU can be built for {key[0]} {key[1]}, only for {known};"
+            " use --flavour python there"
+        )
+    return _HOSTS[key]
+
+
+def chosen(targets: Collection[str] | None) -> list[str]:
+    """Folders to build for: this platform's by default, `all` for every one.
+
+    Raises:
+        SteadytipError: an unknown name.
+    """
+    if not targets:
+        return [host()]
+    unknown = set(targets) - set(TARGETS) - {"all"}
+    if unknown:
+        raise SteadytipError(f"target '{min(unknown)}' must be one of {', '.join(TARGETS)}, or all")
+    return [name for name in TARGETS if name in targets or "all" in targets]
+
+
+def files(model: Model, guid: str, targets: Sequence[str], cache: Path) -> dict[str, bytes]:
+    """Every file of the FMU.
+
+    Args:
+        model: what to pack.
+        guid: compiled in and described.
+        targets: folders to build binaries for.
+        cache: folder that the compiler keeps its own files in, worth keeping between builds.
+    """
+    texts = csource.sources(model, guid)
+    capabilities = {
+        "canNotUseMemoryManagementFunctions": "true",
+        "providesDirectionalDerivative": "true",
+    }
+    found = {"modelDescription.xml": describe(model, guid, capabilities, [csource.ENTRY])}
+    found |= {f"sources/{name}": text.encode() for name, text in texts.items()}
+    compiled: dict[tuple[Slice, ...], bytes] = {}
+    for target in targets:
+        slices = TARGETS[target]
+        if slices not in compiled:
+            parts = [compile_library(model.name, texts, part, cache) for part in slices]
+            compiled[slices] = parts[0] if len(parts) == 1 else _universal(slices, parts)
+        found[f"binaries/{target}/{model.name}{slices[0].suffix}"] = compiled[slices]
+    return found
+
+
+def compile_library(name: str, texts: dict[str, str], part: Slice, cache: Path) -> bytes:
+    """Build a shared library and return its bytes.
+
+    Args:
+        name: model identifier.
+        texts: C sources by file name.
+        part: platform.
+        cache: folder of the compiler's own files.
+
+    Raises:
+        SteadytipError: the compiler is missing or refused the sources; with its words.
+    """
+    cache = cache.resolve()
+    cache.mkdir(parents=True, exist_ok=True)
+    caches = {f"ZIG_{scope}_CACHE_DIR": str(cache) for scope in ("GLOBAL", "LOCAL")}
+    with tempfile.TemporaryDirectory() as folder:
+        for file, text in texts.items():
+            (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
+        library = name + part.suffix
+        flags = [flag.format(name=name) for flag in part.flags]
+        command = [sys.executable, "-m", "ziglang", "cc", "-target", part.triple, *_FLAGS]
+        command += [csource.ENTRY, "-o", library, *flags]
+        done = subprocess.run(
+            command,
+            cwd=folder,
+            env={**os.environ, **caches},
+            capture_output=True,
+            text=True,
+            check=False,
+        )
+        if done.returncode != 0:
+            raise SteadytipError(
+                f"{name}: the compiler refused the generated sources for {part.triple}:\n"
+                + done.stderr.strip()
+            )
+        return (Path(folder) / library).read_bytes()
+
+
+def _universal(slices: Sequence[Slice], libraries: Sequence[bytes]) -> bytes:
+    """Put libraries of several CPUs into one Mach-O file, each on a page of its own."""
+    page = 1 << _FAT_ALIGNMENT
+    head = struct.pack(">II", _FAT_MAGIC, len(slices))
+    body, at = b"", page
+    for part, library in zip(slices, libraries, strict=True):
+        cpu, subtype = _CPU[part.triple.partition("-")[0]]
+        head += struct.pack(">IIIII", cpu, subtype, at, len(library), _FAT_ALIGNMENT)
+        padded = library + b"\0" * (-len(library) % page)
+        body, at = body + padded, at + len(padded)
+    return head.ljust(page, b"\0") + body

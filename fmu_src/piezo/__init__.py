@@ -1,0 +1,1 @@
+"""Operators that describe a piezo stack's hysteresis, and their inverses."""

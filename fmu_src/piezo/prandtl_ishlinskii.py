@@ -1,0 +1,129 @@
+"""Modified Prandtl-Ishlinskii operator: stroke of a piezo stack with hysteresis (A04 7.2).
+
+    H_i = max(v - r_i, min(v + r_i, H_i))          play, i = 0..n                (7.1)
+    y   = sum w_i H_i                                                            (7.4)
+    S_0 = y,  S_j = max(y - d_j, 0)                one-sided dead zone, j = 1..m (7.7)
+    z   = sum s_j S_j                                                            (7.8, 7.9)
+
+y is the voltage that hysteresis leaves to act: the weights of the plays are pure numbers, those of
+the dead zones carry the unit. Slopes of the two curves are the running sums of the weights (7.6).
+
+| symbol | field | meaning |
+| --- | --- | --- |
+| v | volts | voltage |
+| z | stroke | stroke |
+| r_i | thresholds | half widths of the plays, rising from r_0 = 0 |
+| w_i | weights | weights of the plays |
+| d_j | dead_zones | thresholds of the dead zones, rising from d_0 = 0 |
+| s_j | saturation | weights of the dead zones |
+| H_i | plays | memory of the stack; zero when it has never had a voltage |
+"""
+
+from typing import Any
+
+import casadi as ca
+
+from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, design, real
+
+PLAYS = 10
+"""n + 1 (A04 7.4)."""
+DEAD_ZONES = 4
+"""m + 1 (A04 7.4)."""
+NOMINAL = design.STACK_STROKE / design.STACK_VOLTS
+"""Stroke per volt by the data sheet [m/V]; s_0 is held at it, which settles the scale of w."""
+
+
+class Hysteresis(Parameters):
+    """Thresholds and weights of one stack.
+
+    Thresholds are A04's (7.4), whose dead zones are taken as volts of y: with s_0 held at the
+    nominal stroke per volt, y runs to 100 V at the full stroke. Weights are what
+    `harness.identify.hysteresis` makes of its own excitation, recorded with 0.07 um rms of sensor
+    noise from a stack that it knows nothing else of; the mean of six recordings.
+    """
+
+    thresholds = real(
+        "V",
+        "r, half widths of the plays, rising from 0",
+        shape=PLAYS,
+        start=(0.0, 4.0, 8.0, 12.0, 16.0, 20.0, 25.0, 31.0, 38.0, 45.0),
+        min=0.0,
+        max=200.0,
+    )
+    weights = real(
+        None,
+        "w, weights of the plays",
+        shape=PLAYS,
+        start=(0.4716, 0.1621, 0.1231, 0.0762, 0.106, 0.0751, 0.1103, 0.1233, 0.1124, 0.0312),
+        min=-10.0,
+        max=10.0,
+    )
+    dead_zones = real(
+        "V",
+        "d, thresholds of the dead zones, rising from 0",
+        shape=DEAD_ZONES,
+        start=(0.0, 63.3, 74.8, 87.3),
+        min=0.0,
+        max=200.0,
+    )
+    saturation = real(
+        "m/V",
+        "s, weights of the dead zones",
+        shape=DEAD_ZONES,
+        start=(NOMINAL, -4.4e-9, -2e-10, -1.01e-8),
+        min=-1e-5,
+        max=1e-5,
+    )
+
+
+class In(Inputs):
+    """Drive."""
+
+    volts = real("V", "v, voltage across the stack", min=-500.0, max=500.0)
+
+
+class X(State):
+    """Memory."""
+
+    plays = real("V", "H, outputs of the plays", shape=PLAYS)
+
+
+class Out(Outputs):
+    """Response."""
+
+    stroke = real("m", "z, stroke")
+
+
+def remember(p: Hysteresis, volts: Any, plays: Any) -> ca.SX:
+    """Plays after a voltage has been applied (7.1), (PLAYS,) [V].
+
+    Args:
+        p: thresholds.
+        volts: v [V].
+        plays: H before it, (PLAYS,) [V].
+    """
+    return ca.fmax(volts - p.thresholds, ca.fmin(volts + p.thresholds, plays))
+
+
+def respond(p: Hysteresis, plays: Any) -> ca.SX:
+    """Stroke that belongs to a memory (7.9), scalar [m].
+
+    Args:
+        p: thresholds and weights.
+        plays: H, (PLAYS,) [V].
+    """
+    return ca.dot(p.saturation, stops(ca.dot(p.weights, plays), p.dead_zones))
+
+
+def stops(value: Any, thresholds: Any) -> ca.SX:
+    """One-sided dead zones (7.7), the first of them open, (DEAD_ZONES,), in the value's unit."""
+    return ca.vertcat(value, ca.fmax(value - thresholds[1:], 0.0))
+
+
+def step(p: Hysteresis, u: In, x: X, T: float) -> tuple[X, Out]:
+    """One sample."""
+    plays = remember(p, u.volts, x.plays)
+    return X(plays=plays), Out(stroke=respond(p, plays))
+
+
+MODEL = Model("PrandtlIshlinskii", step, Hysteresis, In, X, Out, sample_period=1e-3)

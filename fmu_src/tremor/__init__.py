@@ -1,0 +1,1 @@
+"""Tremor filters: motion of the tip in, its tremor out."""

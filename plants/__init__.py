@@ -1,0 +1,1 @@
+"""What the world does: hand, instrument, sensors and actuators, as models of their own."""

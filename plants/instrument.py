@@ -1,0 +1,208 @@
+"""Rigid handheld instrument with its three-legged tip manipulator.
+
+    f_i   = R^T (a_W - g_W) + alpha x r_i + w x (w x r_i)          specific force at site i
+    m     = R^T F (cos I, 0, -sin I)                               field in the body frame
+    S_i   = (r - L_i sin t_i) e_i + L_i cos t_i z,  L_i = L_0 + k s_i
+    0     = |S_i - S_j|^2 - 3 r^2                                  i, j = 1 2, 2 3, 3 1
+    n     = (S_2 - S_1) x (S_3 - S_1), scaled to 1
+    P     = (S_1 + S_2 + S_3) / 3 + l n                            tip of the shaft (A04 eq. 6.62)
+    tip_W = o_W + R (p_B + P(s) - P(0))
+
+| symbol | meaning |
+| --- | --- |
+| W, B | world (z up, x in the plane of z and magnetic north), body (z towards the tip) |
+| o_W, a_W | position and acceleration of the origin of B [m], [m/s2], W |
+| R | R(q_WB), body to world |
+| w, alpha | body rate and its derivative [rad/s], [rad/s2], B |
+| r_i | place of accelerometer site i [m], B |
+| g_W | (0, 0, -g) |
+| F, I | strength and dip of the earth's field [T], [rad] |
+| s_i | stroke of stack i [m]; s = 0 at 0 V |
+| k | stroke amplification of the levers |
+| L_0, L_i | length of a leg at zero stroke, and now [m] |
+| t_i | tilt of leg i towards the axis [rad] |
+| e_i | radial direction of leg i, at 0, 120 and 240 degrees from x |
+| r | radius of the pin joints on the base and of the ball joints on the platform [m] |
+| l | length of the shaft, platform to tip [m] |
+| p_B | tip in B at zero stroke [m] |
+
+The manipulator is a 3-RPS parallel mechanism (Lee and Shah 1988; A04 6.3). A pin joint with a
+tangential axis keeps leg i in the plane of z and e_i, so that three tilts t_i describe all it can
+do; the three distances of the ball joints on the rigid platform determine them. Newton's method
+solves for the tilts from upright legs. Their size is micrometres over L_0, the constraints are
+quadratic in them, and two steps are enough; a third is for strokes far beyond a stack's.
+
+The base frame of the manipulator is parallel to B. Deflection is counted from zero stroke: stacks
+that rest at half their voltage show the deflection of that rest, mostly along z. Mechanics are
+quasi-static (the resonance of the actuation is part of the stack), the body is rigid, and the
+moving platform does not push back on the hand.
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, design, real, rotations
+
+OUTWARDS = [np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians([0.0, 120.0, 240.0])]
+"""Directions e_i of the legs in the manipulator's base frame."""
+UPWARDS = np.array([0.0, 0.0, 1.0])
+NEWTON_STEPS = 3
+SMALLEST_NORM = 0.01
+"""Squared length below which four numbers no longer pass for an attitude."""
+
+
+class Params(Parameters):
+    """Geometry of the instrument, gravity and field of the site."""
+
+    sites = real(
+        "m",
+        "places of the accelerometers in B, one site a row",
+        shape=(3, 3),
+        start=[[design.D1, 0, 0], [0, design.D1, 0], [design.D2, design.D2, design.D3]],
+        min=-1.0,
+        max=1.0,
+    )
+    tip = real("m", "tip in B at zero stroke", shape=3, start=design.TIP, min=-1.0, max=1.0)
+    gravity = real("m/s2", "gravity g at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
+    field_strength = real(
+        "T", "strength F of the magnetic field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
+    )
+    inclination = real(
+        "rad",
+        "dip I of the field below the horizon",
+        start=design.MAGNETIC_INCLINATION,
+        min=-np.pi / 2,
+        max=np.pi / 2,
+    )
+    radius = real(
+        "m",
+        "radius r of the pin joints and of the ball joints",
+        start=design.PLATFORM_RADIUS,
+        min=2e-3,
+        max=0.1,
+    )
+    leg_length = real(
+        "m", "length L_0 of a leg at zero stroke (chosen)", start=20e-3, min=5e-3, max=0.2
+    )
+    shaft_length = real(
+        "m", "length l from platform to tip", start=design.SHAFT_LENGTH, min=0.0, max=0.5
+    )
+    lever_gain = real(
+        None, "amplification k of the strokes", start=design.LEVER_GAIN, min=0.0, max=20.0
+    )
+
+
+class In(Inputs):
+    """Motion of the body and strokes of the stacks."""
+
+    body = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
+    body_acceleration = real(
+        "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
+    )
+    attitude = real(
+        None,
+        "attitude q_WB; a length other than 1 is scaled away",
+        shape=4,
+        axes="wxyz",
+        start=(1, 0, 0, 0),
+        min=-1.01,
+        max=1.01,
+    )
+    rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
+    angular_acceleration = real(
+        "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
+    )
+    stroke = real("m", "strokes of the stacks, 0 at 0 V", shape=3, min=-20e-6, max=60e-6)
+
+
+class X(State):
+    """Nothing: rigid and quasi-static."""
+
+
+class Out(Outputs):
+    """What the sensors feel, and where the tip is."""
+
+    force1 = real("m/s2", "specific force at site 1 in B", shape=3, axes="xyz")
+    force2 = real("m/s2", "specific force at site 2 in B", shape=3, axes="xyz")
+    force3 = real("m/s2", "specific force at site 3 in B", shape=3, axes="xyz")
+    field = real("T", "magnetic field in B", shape=3, axes="xyz")
+    free_tip = real("m", "tip in W as if at zero stroke", shape=3, axes="xyz")
+    tip = real("m", "tip in W", shape=3, axes="xyz")
+    deflection = real("m", "tip in B, from its place at zero stroke", shape=3, axes="xyz")
+
+
+def specific_force(p: Params, u: In, R: Any, site: Any) -> Any:
+    """What an ideal accelerometer triad at a place r of the rigid body feels, (3,) [m/s2], B.
+
+    Newton-Euler kinematics; the sign is that of notation.md (+g along up at rest).
+
+    Args:
+        p: parameters.
+        u: motion of the body.
+        R: rotation matrix body to world, (3, 3).
+        site: the place r in B, (3,) [m].
+    """
+    lever = ca.cross(u.angular_acceleration, site) + ca.cross(u.rate, ca.cross(u.rate, site))
+    return R.T @ (u.body_acceleration + ca.vertcat(0, 0, p.gravity)) + lever
+
+
+def field_in_world(p: Params) -> Any:
+    """The earth's field, (3,) [T], W."""
+    return p.field_strength * ca.vertcat(ca.cos(p.inclination), 0, -ca.sin(p.inclination))
+
+
+def shaft_tip(p: Params, stroke: Any) -> Any:
+    """Tip of the shaft from the plane of the pin joints, (3,) [m], forward kinematics of the 3-RPS.
+
+    Args:
+        p: parameters.
+        stroke: strokes of the stacks, (3,) [m].
+    """
+    legs = p.leg_length + p.lever_gain * stroke
+    tilts = ca.SX(3, 1)
+    for _ in range(NEWTON_STEPS):
+        joints = _ball_joints(p, legs, tilts)
+        slopes = [
+            -legs[i] * (ca.cos(tilts[i]) * OUTWARDS[i] + ca.sin(tilts[i]) * UPWARDS)
+            for i in range(3)
+        ]
+        gaps, jacobian = ca.SX(3, 1), ca.SX(3, 3)
+        for row, (i, j) in enumerate(((0, 1), (1, 2), (2, 0))):
+            span = joints[i] - joints[j]
+            gaps[row] = ca.sumsqr(span) - 3 * p.radius**2
+            jacobian[row, i] = 2 * ca.dot(span, slopes[i])
+            jacobian[row, j] = -2 * ca.dot(span, slopes[j])
+        tilts -= ca.solve(jacobian, gaps)
+    joints = _ball_joints(p, legs, tilts)
+    normal = rotations.normalize(ca.cross(joints[1] - joints[0], joints[2] - joints[0]))
+    return sum(joints) / 3 + p.shaft_length * normal
+
+
+def _ball_joints(p: Params, legs: Any, tilts: Any) -> list[Any]:
+    """Places S_i of the ball joints in the manipulator's base frame, each (3,) [m]."""
+    return [
+        (p.radius - legs[i] * ca.sin(tilts[i])) * OUTWARDS[i] + legs[i] * ca.cos(tilts[i]) * UPWARDS
+        for i in range(3)
+    ]
+
+
+def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
+    """One sample."""
+    R = rotations.matrix(u.attitude) / ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM)
+    forces = [specific_force(p, u, R, p.sites[i, :].T) for i in range(3)]
+    deflection = shaft_tip(p, u.stroke) - shaft_tip(p, ca.SX.zeros(3))
+    free_tip = u.body + R @ p.tip
+    return X(), Out(
+        force1=forces[0],
+        force2=forces[1],
+        force3=forces[2],
+        field=R.T @ field_in_world(p),
+        free_tip=free_tip,
+        tip=free_tip + R @ deflection,
+        deflection=deflection,
+    )
+
+
+MODEL = Model("Instrument", step, Params, In, X, Out, sample_period=1e-3)

@@ -1,0 +1,137 @@
+"""The assembly: does it cancel, start and stop smoothly, and keep its limits."""
+
+import casadi as ca
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy import signal
+from scipy.spatial.transform import Rotation
+
+from fmu_src.controller import tremor_canceller
+from fmu_src.kit import Runner, design
+from fmu_src.manipulator import parallel_3dof
+from fmu_src.piezo import prandtl_ishlinskii
+from plants import hand, instrument, piezo_stack
+
+T = 1e-3
+TRUE_POSITION = {"filter.wash_out": 0.0}
+READY = round(1.0 / T)
+"""Samples until the stacks have risen and the correction has been faded in."""
+
+
+def _runner(parameters: dict | None = None) -> Runner:
+    return Runner(tremor_canceller.MODEL, {**TRUE_POSITION, **(parameters or {})})
+
+
+def _tone(seconds: float, amplitude: float, frequency: float = 10.0) -> np.ndarray:
+    time = np.arange(round(seconds / T)) * T
+    return amplitude * np.sin(2 * np.pi * frequency * time[:, None] + np.array([0.0, 1.0, 2.0]))
+
+
+def _deflection(volts: np.ndarray) -> np.ndarray:
+    """Tip in frame 0 by the controller's own operator and kinematics, (samples, 3) [m]."""
+    strokes = np.column_stack(
+        [
+            Runner(prandtl_ishlinskii.MODEL).run(len(volts), {"volts": column})["stroke"]
+            for column in volts.T
+        ]
+    )
+    argument = ca.SX.sym("strokes", 3)
+    geometry = parallel_3dof.Geometry.unpack(ca.SX(parallel_3dof.Geometry.starts()))
+    forward = ca.Function("forward", [argument], [parallel_3dof.forward(geometry, argument)])
+    return np.array(forward(strokes.T)).T
+
+
+REST = np.array([0.0, 0.0, design.LEVER_GAIN * design.STACK_STROKE / 2])
+
+
+@pytest.mark.parametrize("angles", [(0, 0, 0), (40, -20, 70)])
+def test_deflection_is_the_negated_tremor_seen_from_the_handle(angles):
+    """With its own models in place of the plant, nothing is lost on the way to the tip."""
+    body = Rotation.from_euler("xyz", angles, degrees=True)
+    attitude = body.as_quat(scalar_first=True)
+    run = _runner().run(4000, {"tip_displacement": _tone(4.0, 20e-6), "attitude": attitude})
+    deflection = _deflection(run["volts"])[READY:]
+    wanted = REST - body.inv().apply(run["tremor"][READY:])
+    np.testing.assert_allclose(deflection, wanted, atol=1e-9)
+    assert not run["saturated"].any()
+
+
+def test_generated_tremor_is_cancelled_on_plants_that_share_no_code():
+    """Hand, stacks and instrument of `plants`; position known, the command acts a sample later."""
+    samples = 12000
+    moved = Runner(hand.MODEL, {"seed": 20}).run(samples)
+    run = _runner().run(samples, {"tip_displacement": moved["tip"], "attitude": moved["attitude"]})
+    volts = np.vstack([np.zeros(3), run["volts"][:-1]])
+    substeps = round(T / piezo_stack.MODEL.sample_period)
+    strokes = np.column_stack(
+        [
+            Runner(piezo_stack.MODEL).run(
+                substeps * samples, {"volts": np.repeat(column, substeps)}
+            )["stroke"][substeps - 1 :: substeps]
+            for column in volts.T
+        ]
+    )
+    pose = {name: moved[name] for name in ("body", "attitude")}
+    tips = Runner(instrument.MODEL).run(samples, {**pose, "stroke": strokes})
+    sections = signal.butter(4, (6, 16), "bandpass", fs=1 / T, output="sos")
+    before, after = (
+        signal.sosfiltfilt(sections, tips[name], axis=0)[3000:] for name in ("free_tip", "tip")
+    )
+    assert np.std(after) < 0.35 * np.std(before)
+
+
+def test_start_is_smooth_and_ends_at_half_stroke():
+    """No tremor: from no voltage to rest, never faster than the ramp asks for."""
+    rise_time = 0.5
+    run = _runner({"rise_time": rise_time}).run(READY)
+    deflection = _deflection(run["volts"])
+    assert np.all(run["volts"][0] < 0.1)
+    np.testing.assert_allclose(deflection[-1], REST, atol=1e-9)
+    steps = np.diff(deflection[:, 2])
+    assert steps.min() > -1e-12
+    assert steps.max() < 1.01 * 1.5 * REST[2] * T / rise_time
+
+
+def test_correction_fades_out_while_the_motion_is_not_valid_and_in_again():
+    samples, lost, found = 5000, 2000, 3500
+    valid = np.ones(samples)
+    valid[lost:found] = 0
+    tone = _tone(5.0, 20e-6)
+    tone[lost:found] = 0.4  # what comes meanwhile is not looked at
+    run = _runner({"fade_time": 0.5}).run(samples, {"tip_displacement": tone, "valid": valid})
+    correction = _deflection(run["volts"]) - REST
+    resting = correction[lost + 501 : found]
+    np.testing.assert_allclose(resting, 0.0, atol=1e-9)
+    steps = np.abs(np.diff(correction[READY:], axis=0))
+    assert steps.max() < 1.3 * 20e-6 * 2 * np.pi * 10.0 * T
+    again = correction[-500:] + run["tremor"][-500:]
+    np.testing.assert_allclose(again, 0.0, atol=1e-9)
+
+
+def test_a_demand_beyond_the_stroke_is_limited_and_told_and_leaves_no_trace():
+    large, small = _tone(3.0, 150e-6), _tone(3.0, 10e-6)
+    run = _runner().run(6000, {"tip_displacement": np.vstack([large, small])})
+    assert run["saturated"][2000:3000].any()
+    assert not run["saturated"][4500:].any()
+    correction = _deflection(run["volts"])[4500:] - REST
+    np.testing.assert_allclose(correction, -run["tremor"][4500:], atol=1e-9)
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1.0))
+def test_voltages_stay_within_the_amplifier(seed, scale):
+    generator = np.random.default_rng(seed)
+    inputs = {
+        "tip_displacement": scale * generator.uniform(-1, 1, (1500, 3)),
+        "attitude": generator.uniform(-1, 1, (1500, 4)),
+        "valid": generator.integers(0, 2, 1500),
+    }
+    volts = _runner({"rise_time": 0.1, "fade_time": 0.1}).run(1500, inputs)["volts"]
+    assert np.all((volts >= 0) & (volts <= design.STACK_VOLTS))
+
+
+def test_cost_leaves_room_for_a_microcontroller():
+    """5 us a sample on a desktop machine, at some 2 ns an instruction."""
+    assert tremor_canceller.MODEL.step_function.n_instructions() < 2500

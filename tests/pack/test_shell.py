@@ -1,0 +1,83 @@
+"""What the C shell does that no model shows by itself."""
+
+import numpy as np
+import pytest
+
+from fmu_src.kit.noise import uniforms
+from fmu_src.pack import native
+from fmu_src.pack.csource import shell
+
+# A host that prints the first words of the shell's generator and some numbers as it writes them.
+_PROBE = """
+#include <stdio.h>
+int main(void) {
+    static Instance c;
+    uint64_t word[4], i;
+    int j;
+    double v[] = {0, 1, -1, 0.5, 1e-3, 123456789, 1e9, 1.5e-7, 1e300, -2.5e-300, 0.1, 99999.99995};
+    for (i = 1; i <= 3; i++) {
+        philox(i, 42, word);
+        for (j = 0; j < 4; j++) printf("%.17g\\n", ((double)(word[j] >> 11) + 0.5) * 0x1p-53);
+    }
+    for (i = 0; i < sizeof v / sizeof *v; i++) {
+        c.length = 0;
+        say_number(&c, v[i]);
+        printf("%.9g %s\\n", v[i], c.text);
+    }
+    return 0;
+}
+"""
+_MODEL = """
+#include <float.h>
+#include <math.h>
+typedef double Real;
+#define MODEL_GUID "{0}"
+#define MODEL_PERIOD 1
+#define N_P 0
+#define N_D 0
+#define N_U 0
+#define N_Y 0
+#define N_X 0
+#define N_R 0
+#define SZ_ARG 6
+#define SZ_RES 2
+#define SZ_IW 0
+#define SZ_W 0
+#define MODEL_STEP(a, r, i, w, m) (void)(a), (void)(r)
+#define MODEL_DERIVE(a, r, i, w, m) (void)(a), (void)(r)
+#define MODEL_SLOPE(a, r, i, w, m) (void)(a), (void)(r)
+typedef enum { REAL, INTEGER, BOOLEAN, STRING } Type;
+typedef struct {
+    const char *name, *unit;
+    Type type;
+    int tunable;
+    double start, min, max;
+} Variable;
+static const Variable VARIABLE[1] = {{"", "", STRING, 0, 0, 0, 0}};
+"""
+
+
+@pytest.fixture(scope="module")
+def printed(tmp_path_factory) -> list[str]:
+    import subprocess
+    import sys
+
+    folder = tmp_path_factory.mktemp("shell")
+    (folder / "model.h").write_text(_MODEL)
+    (folder / "probe.c").write_text(shell() + _PROBE)
+    target = native.TARGETS[native.host()][0].triple
+    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-w", "probe.c", "-lm"]
+    subprocess.run([*command, "-o", "probe"], cwd=folder, check=True)
+    done = subprocess.run([folder / "probe"], capture_output=True, text=True, check=True)
+    return done.stdout.split("\n")[:-1]
+
+
+def test_generator_is_numpys_philox(printed) -> None:
+    np.testing.assert_array_equal([float(t) for t in printed[:12]], uniforms(42, 0, 12, 1).ravel())
+
+
+def test_numbers_in_messages_have_nine_right_digits(printed) -> None:
+    for line in printed[12:]:
+        expected, written = line.split(" ")
+        assert float(written) == pytest.approx(float(expected), rel=2e-9)
+        assert len(written) <= 16

@@ -1,0 +1,140 @@
+"""The C sources of every FMU: no warnings, clean under sanitizers, and good in single precision."""
+
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import fmpy
+import numpy as np
+import pytest
+
+from fmu_src.pack import build, csource, load_model, model_names, native
+from tests.contract.conftest import Instance
+
+STRICT = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic"]
+ZIG = [sys.executable, "-m", "ziglang", "cc"]
+HOSTILE = Path(__file__).with_name("hostile.c")
+# What single precision costs: rms error of an output over that of the output itself.
+SINGLE = {"MicronEstimator": 2e-2, "TremorCanceller": 1e-3}
+
+
+@pytest.fixture(scope="module", params=model_names())
+def sources(request, tmp_path_factory) -> Path:
+    folder = tmp_path_factory.mktemp(request.param)
+    for name, text in csource.sources(load_model(request.param), "{0}").items():
+        (folder / name).write_text(text, encoding="utf-8")
+    return folder
+
+
+def compiler(name: str) -> str:
+    path = shutil.which(name)
+    if path is None:
+        pytest.skip(f"{name} is not installed")
+    return path
+
+
+@pytest.mark.parametrize(
+    "flags",
+    [[], [f"-D{csource.SINGLE_PRECISION}"], ["-DFMI2_FUNCTION_PREFIX=Some_"]],
+    ids=["double", "float", "prefixed"],
+)
+@pytest.mark.parametrize("chain", ["zig", "gcc"])
+def test_sources_compile_without_a_warning(sources, chain, flags) -> None:
+    command = ZIG if chain == "zig" else [compiler("gcc")]
+    done = subprocess.run(
+        [*command, *STRICT, *flags, "-c", csource.ENTRY, "-o", "fmu.o"],
+        cwd=sources,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+    assert not done.stderr.strip()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sanitizers", "arguments"),
+    [("address,undefined", ["walk", "300"]), ("thread", ["threads"])],
+    ids=["random calls", "threads"],
+)
+def test_hostile_host_finds_nothing(sources, sanitizers, arguments) -> None:
+    """Random calls under AddressSanitizer and UBSan; a hundred instances under ThreadSanitizer."""
+    binary = sources / sanitizers.partition(",")[0]
+    command = [compiler("gcc"), "-std=gnu99", "-g", "-O1", f"-fsanitize={sanitizers}"]
+    command += ["-fno-sanitize-recover=all", f"-I{sources}", str(HOSTILE), "-o", str(binary)]
+    built = subprocess.run([*command, "-lm", "-lpthread"], capture_output=True, text=True)
+    if "cannot find" in built.stderr:
+        pytest.skip("gcc has no sanitizer libraries here")
+    assert built.returncode == 0, built.stderr
+    done = subprocess.run(
+        [str(binary), *arguments], capture_output=True, text=True, timeout=120, check=False
+    )
+    assert done.returncode == 0, done.stderr
+    assert "messages" in done.stdout
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", SINGLE)
+def test_single_precision_costs_what_the_readme_says(name, tmp_path) -> None:
+    """The instrument's FMUs for a microcontroller, against double precision in the closed loop."""
+    import harness
+
+    path = build([name])[name]
+    run = harness.run("closed_loop", overrides={"seconds": 4.0}, out=tmp_path / "run", report=False)
+    folder = tmp_path / "single"
+    fmpy.extract(str(path), str(folder))
+    texts = {p.name: p.read_text("utf-8") for p in (folder / "sources").iterdir() if p.is_file()}
+    texts[csource.ENTRY] = f"#define {csource.SINGLE_PRECISION}\n" + texts[csource.ENTRY]
+    (part,) = native.TARGETS[native.host()]
+    library = next((folder / "binaries").rglob(f"{name}.*"))
+    library.write_bytes(native.compile_library(name, texts, part, tmp_path / "cache"))
+
+    role = {"MicronEstimator": "estimator", "TremorCanceller": "controller"}[name]
+    source = {"MicronEstimator": "sensors", "TremorCanceller": "estimator"}[name]
+    instance = Instance(path, folder)
+    inputs = [v for v in instance.variables if v.causality == "input"]
+    outputs = [v for v in instance.variables if v.causality == "output" and v.type == "Real"]
+    table = {v.name: run.signals(f"{source}.{v.name}") for v in inputs}
+    found = []
+    for k in range(len(run.time)):
+        instance.apply({name: values[k] for name, values in table.items()})
+        instance.step()
+        found.append(instance.fmu.getReal([v.valueReference for v in outputs]))
+    instance.close()
+    double = np.column_stack([run.signals(f"{role}.{v.name}") for v in outputs])
+    error = np.sqrt(np.mean((np.array(found) - double)[2000:] ** 2, axis=0))
+    size = np.sqrt(np.mean(double[2000:] ** 2, axis=0))
+    wanted = ("tip_displacement", "attitude", "volts", "tremor")
+    worst = {v.name: e / s for v, e, s in zip(outputs, error, size, strict=True)}
+    print({key: float(f"{value:.2g}") for key, value in worst.items()})
+    for key, value in worst.items():
+        if key.startswith(wanted) and not key.startswith("attitude_sigma"):
+            assert value < SINGLE[name], key
+
+
+def test_fmpy_compiles_the_sources_of_an_fmu(tmp_path) -> None:
+    """Another importer's build of `sources/` gives the same outputs as ours."""
+    compiler("gcc")
+    compiler("cmake")
+    from fmpy.build import build_platform_binary
+
+    name = "TremorCanceller"
+    path = build([name])[name]
+    ours, theirs = tmp_path / "ours", tmp_path / "theirs"
+    for folder in (ours, theirs):
+        fmpy.extract(str(path), str(folder))
+    shutil.rmtree(theirs / "binaries")
+    cmake = tmp_path / "cmake"
+    cmake.mkdir()
+    build_platform_binary(theirs, cmake)
+    results = []
+    for folder in (ours, theirs):
+        instance = Instance(path, folder)
+        instance.apply({"tip_displacement_x": 1e-5})
+        for _ in range(50):
+            instance.step()
+        results.append(instance.outputs())
+        instance.close()
+    np.testing.assert_allclose(results[0], results[1], rtol=1e-12)
