@@ -1,0 +1,235 @@
+"""The command `steadytip`.
+
+Exit codes: 0 all went well, 1 a run ended early or a check found problems, 2 the user's mistake.
+Everything heavy is imported by the command that needs it, so that `--help` comes at once.
+"""
+
+from __future__ import annotations
+
+import sys
+import tomllib
+from pathlib import Path
+from typing import Annotated, Any
+
+import typer
+from rich.console import Console
+from rich.markup import escape
+
+from harness.ssp.cli import app as ssp
+
+app = typer.Typer(
+    help="Tremor-cancelling handheld microsurgery as FMI 2.0 co-simulation.",
+    no_args_is_help=True,
+    add_completion=False,
+    pretty_exceptions_enable=False,
+)
+app.add_typer(ssp, name="ssp")
+_console = Console()
+_errors = Console(stderr=True)
+
+_Overrides = Annotated[
+    list[str] | None,
+    typer.Option("--set", help="Replace a value of the scenario: part.hand.seed=3"),
+]
+_Seconds = Annotated[float | None, typer.Option(help="Simulated time [s].")]
+_Seed = Annotated[int | None, typer.Option(help="Seed of all randomness of the run.")]
+_Scenario = Annotated[str, typer.Argument(help="A scenario file, or the name of a shipped one.")]
+_Recording = Annotated[Path | None, typer.Option(help="Recording of hand motion to replay.")]
+
+
+def main() -> None:
+    """Run the command; mistakes of the user are printed without a traceback."""
+    try:
+        app()
+    except Exception as error:
+        from fmu_src.kit import SteadytipError
+
+        if not isinstance(error, SteadytipError):
+            raise
+        _errors.print(f"[red]{escape(str(error))}[/red]", highlight=False, soft_wrap=True)
+        sys.exit(2)
+
+
+def _print_version(wanted: bool) -> None:
+    if wanted:
+        from fmu_src import __version__
+
+        _console.print(__version__, highlight=False)
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool,
+        typer.Option(
+            "--version", callback=_print_version, is_eager=True, help="Print the version."
+        ),
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command()
+def run(
+    scenario: _Scenario,
+    motion: Annotated[
+        list[Path] | None,
+        typer.Option(help="Recording of hand motion to replay, or a folder of them; one run each."),
+    ] = None,
+    override: _Overrides = None,
+    seconds: _Seconds = None,
+    seed: _Seed = None,
+    out: Annotated[
+        Path | None,
+        typer.Option(help="Folder of the results; build/runs/SCENARIO[-RECORDING] by default."),
+    ] = None,
+    csv: Annotated[bool, typer.Option("--csv", help="Write the signals as CSV, too.")] = False,
+    report: Annotated[bool, typer.Option(help="Write the HTML report.")] = True,
+    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+) -> None:
+    """Run a scenario: build what is missing, record, measure, report."""
+    from harness.console import Display, comparison_table, metrics_table
+    from harness.errors import RunError
+    from harness.parts.recording import recordings
+    from harness.runs import run as run_scenario
+
+    display = Display(_console, quiet)
+    settings = _overrides(override, seconds, seed)
+    motions = recordings(motion) if motion else [None]
+    results: dict[str, Any] = {}
+    failed = False
+    for path in motions:
+        try:
+            with display.progress() as progress:
+                result = run_scenario(
+                    scenario,
+                    motion=path,
+                    overrides=settings,
+                    out=out / path.stem if out and path and len(motions) > 1 else out,
+                    csv=csv,
+                    report=report,
+                    status=display.status,
+                    progress=progress,
+                )
+        except RunError as ended:
+            failed = True
+            _errors.print(f"[red]{escape(str(ended))}[/red]", highlight=False, soft_wrap=True)
+            if ended.result is None:
+                continue
+            result = ended.result
+        results[path.stem if path else scenario] = result.metrics
+        if len(motions) == 1:
+            display.show(metrics_table(result.metrics))
+        display.files(record=result.file, report=result.report)
+    if len(motions) > 1:
+        display.show(comparison_table(results))
+    if failed:
+        raise typer.Exit(1)
+
+
+def _overrides(texts: list[str] | None, seconds: float | None, seed: int | None) -> dict[str, Any]:
+    from harness.errors import SteadytipError
+
+    overrides: dict[str, Any] = {}
+    for text in texts or []:
+        key, equals, value = text.partition("=")
+        if not equals or not key.strip():
+            raise SteadytipError(f"--set {text}: write KEY=VALUE, as in part.hand.seed=3")
+        overrides[key.strip()] = _toml_value(value.strip())
+    if seconds is not None:
+        overrides["seconds"] = seconds
+    if seed is not None:
+        overrides["seed"] = seed
+    return overrides
+
+
+def _toml_value(text: str) -> Any:
+    """A value as TOML reads it; what is not TOML is a word."""
+    try:
+        return tomllib.loads(f"value = {text}")["value"]
+    except tomllib.TOMLDecodeError:
+        return text
+
+
+@app.command()
+def build(
+    models: Annotated[list[str] | None, typer.Argument(help="Models; all by default.")] = None,
+    flavour: Annotated[str, typer.Option(help="native or python.")] = "native",
+    out: Annotated[Path | None, typer.Option(help="Folder of the FMUs.")] = None,
+    target: Annotated[
+        list[str] | None,
+        typer.Option(
+            help="Platforms of native FMUs: linux64, aarch64-linux, win64, darwin64,"
+            " aarch64-darwin, or all; this one by default."
+        ),
+    ] = None,
+) -> None:
+    """Build FMUs from the models."""
+    from fmu_src import pack
+
+    paths = pack.build(
+        models or None,
+        flavour,
+        out,
+        progress=lambda name: _console.print(f"building {name}", style="dim", highlight=False),
+        targets=target,
+    )
+    for path in paths.values():
+        _console.print(str(path), highlight=False, soft_wrap=True)
+
+
+@app.command()
+def validate(
+    fmus: Annotated[list[Path], typer.Argument(metavar="FMU...", help="FMU files, anybody's.")],
+    junit: Annotated[Path | None, typer.Option(help="Write JUnit XML for CI.")] = None,
+    json: Annotated[Path | None, typer.Option(help="Write all that was found as JSON.")] = None,
+    timeout: Annotated[
+        float, typer.Option(min=1.0, help="Wall-clock time for each probe of the running FMU [s].")
+    ] = 60.0,
+) -> None:
+    """Check FMUs against the checklist of a drop-in FMU, each probe in a process of its own."""
+    from harness.errors import ProblemsError
+    from harness.validation import reports
+    from harness.validation.verdict import validate as check
+
+    missing = [f"{path} does not exist" for path in fmus if not path.is_file()]
+    if missing:
+        raise ProblemsError("validate", missing)
+    verdicts = []
+    for path in fmus:
+        with _console.status(escape(path.name)) as status:
+
+            def show(done: int, count: int, id: str, name: str = path.name) -> None:
+                status.update(escape(f"{name}: {done} of {count} checks, {id}"))
+
+            verdicts.append(check(path, timeout=timeout, progress=show))
+        _console.print(reports.table(verdicts[-1]))
+    if junit is not None:
+        reports.write_junit(junit, verdicts)
+    if json is not None:
+        reports.write_json(json, verdicts)
+    if not all(verdict.good for verdict in verdicts):
+        raise typer.Exit(1)
+
+
+@app.command()
+def info(
+    what: Annotated[str, typer.Argument(metavar="SCENARIO|FMU", help="A scenario or an FMU file.")],
+    motion: _Recording = None,
+    override: _Overrides = None,
+) -> None:
+    """Show the inside of a scenario or of an FMU."""
+    from harness.console import fmu_table, system_tables
+
+    if what.endswith(".fmu"):
+        from harness.parts.description import describe
+
+        blocks = fmu_table(describe(Path(what)))
+    else:
+        from harness.scenario import load
+        from harness.system import assemble
+
+        blocks = system_tables(assemble(load(what, _overrides(override, None, None)), motion))
+    for block in blocks:
+        _console.print(block, highlight=False)

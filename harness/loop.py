@@ -1,0 +1,265 @@
+"""The loop: parts run tick after tick in a thread of their own while the caller's thread watches.
+
+One float64 vector holds the outputs of all parts. Behind it lie the vectors of the last ticks, as
+many as the longest wire delay, so that gathering a part's inputs is one indexed copy whatever the
+delays are. Tick k steps every part from `k * step` to `(k + 1) * step`; what is recorded at time
+`k * step` are the outputs after that: the values of the sample instant in that interval.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import math
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.errors import FaultError, PartError, RunError, StoppedError
+from harness.parts import Killable, Part, Run
+from harness.record import Recorder
+from harness.system import System
+
+__all__ = ["Loop", "Outcome"]
+
+_POLL = 0.05  # s between two looks of the watching thread
+_CLOSING = 2.0  # s that parts get to free themselves once a run has ended
+
+Progress = Callable[[float, float], None]
+"""Told the simulated time done, and that of the whole run [s]."""
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """How a run ended.
+
+    Attributes:
+        ticks: recorded.
+        wall: time that the ticks took [s].
+        error: why it ended early; None if it did not.
+    """
+
+    ticks: int
+    wall: float
+    error: RunError | None
+
+
+class Loop:
+    """One run of a system."""
+
+    def __init__(self, system: System, run: Run, recorder: Recorder) -> None:
+        """Lay out signals and inputs.
+
+        Args:
+            system: parts and their wiring.
+            run: step, number of ticks, workspace.
+            recorder: takes the signals of every tick.
+        """
+        self._run = run
+        self._recorder = recorder
+        self._order = [system.parts[name] for name in system.wiring.order]
+        self._limits = [system.step_limits[part.name] for part in self._order]
+        offsets: dict[str, int] = {}
+        columns: dict[tuple[str, str], int] = {}
+        for name, part in system.parts.items():
+            offsets[name] = len(columns)
+            for port in part.outputs:
+                columns[name, port.name] = len(columns)
+        self._width = len(columns)
+        links = {(link.target_part, link.target): link for link in system.wiring.links}
+        depth = 1 + max((link.delay for link in links.values()), default=0)
+        self._history = np.zeros(depth * self._width)
+        self._slices = [
+            self._history[offsets[part.name] : offsets[part.name] + len(part.outputs)]
+            for part in self._order
+        ]
+        self._driven: list[list[str]] = []
+        self._preset: list[list[bool]] = []
+        self._sources: list[NDArray[np.intp]] = []
+        for part in self._order:
+            into = [link for p in part.inputs if (link := links.get((part.name, p.name)))]
+            self._driven.append([link.target for link in into])
+            self._preset.append([link.delay == 0 for link in into])
+            index = [
+                link.delay * self._width + columns[link.source_part, link.source] for link in into
+            ]
+            self._sources.append(np.array(index, dtype=np.intp))
+        self._inputs = [np.zeros(len(driven)) for driven in self._driven]
+        self._ticks = 0
+        self._wall = 0.0
+        self._stop = False
+        self._now: tuple[int, str, float, float] | None = None
+        """Part that is being called, what for, simulated and wall time at the call."""
+        self._error: BaseException | None = None
+        self._done = threading.Event()
+
+    def go(self, progress: Progress = lambda _done, _seconds: None) -> Outcome:
+        """Run to the end, or to the first failure, or until the user presses Ctrl-C.
+
+        Failures of parts, of the disk and the user's wish to stop are in the outcome; parts are
+        closed in every case, but for one that hangs and cannot be ended.
+        """
+        threading.Thread(target=self._work, name="steadytip-loop", daemon=True).start()
+        hung: Part | None = None
+        # Not Thread.join: in Python 3.11, Ctrl-C during it makes a running thread look dead.
+        while not self._done.is_set():
+            try:
+                self._done.wait(_POLL)
+                progress(self._ticks * self._run.step, self._run.steps * self._run.step)
+                hung = self._hung()
+                if hung is not None:
+                    break
+            except KeyboardInterrupt:
+                self._stop = True
+        self._close(hung)
+        error = self._error
+        if error is not None and not isinstance(error, RunError):
+            raise error
+        return Outcome(self._ticks, self._wall, error)
+
+    def _hung(self) -> Part | None:
+        """The part whose call has not come back in time, and that cannot be made to."""
+        now = self._now
+        if now is None:
+            return None
+        index, doing, t, since = now
+        # Some time more: a call that comes back a little late reports itself, with its duration.
+        if time.perf_counter() - since <= self._limits[index] + 2 * _POLL or now is not self._now:
+            return None
+        part = self._order[index]
+        text = (
+            f"part '{part.name}' did not come back from {doing} at t = {t:.6g} s within its "
+            f"step_limit of {self._limits[index]:g} s. "
+        )
+        self._error = PartError(part.name, t, f"{text}It is left hanging; the run ends here.")
+        if not (isinstance(part, Killable) and part.kill()):
+            return part
+        # The call comes back now, and with it the loop's own thread: nothing is left behind.
+        self._error = PartError(part.name, t, f"{text}Its process was ended, and so is the run.")
+        return None
+
+    def _work(self) -> None:
+        try:
+            # Overflow in the finiteness test of _tick is what it looks for, no reason to warn.
+            with np.errstate(all="ignore"):
+                self._start()
+                begun = time.perf_counter()
+                try:
+                    self._tick()
+                finally:
+                    self._wall = time.perf_counter() - begun
+        except BaseException as error:  # handed to the watching thread, which raises it
+            if self._error is None:
+                self._error = error
+        finally:
+            self._now = None
+            self._done.set()
+
+    def _start(self) -> None:
+        for index, part in enumerate(self._order):
+            self._now = (index, "its initialisation", 0.0, time.perf_counter())
+            self._history.take(self._sources[index], out=self._inputs[index], mode="clip")
+            y = self._slices[index]
+            try:
+                part.start(
+                    self._run, self._driven[index], self._preset[index], self._inputs[index], y
+                )
+            except FaultError as error:
+                raise PartError(
+                    part.name, 0.0, f"part '{part.name}' does not start: {error}"
+                ) from None
+            self._check_finite(index, 0.0)
+            self._check_time(index, 0.0)
+        width = self._width
+        for at in range(width, len(self._history), width):
+            self._history[at : at + width] = self._history[:width]
+
+    def _tick(self) -> None:
+        history, width = self._history, self._width
+        signals, older, newer = history[:width], history[width:], history[:-width]
+        delayed = len(older) > 0
+        take, record, clock = history.take, self._recorder.append, time.perf_counter
+        plan = [
+            (i, s if len(s) else None, u, part.advance, y, y.dot, limit)
+            for i, (part, s, u, y, limit) in enumerate(
+                zip(
+                    self._order,
+                    self._sources,
+                    self._inputs,
+                    self._slices,
+                    self._limits,
+                    strict=True,
+                )
+            )
+        ]
+        step, finite = self._run.step, math.isfinite
+        for k in range(self._run.steps):
+            t = k * step
+            since = clock()
+            for index, sources, u, advance, y, dot, limit in plan:
+                self._now = (index, "its step", t, since)
+                if sources is not None:
+                    take(sources, out=u, mode="clip")
+                try:
+                    advance(t, step)
+                except FaultError as error:
+                    name = self._order[index].name
+                    raise PartError(
+                        name, t, f"part '{name}' ended the run at t = {t:.6g} s: {error}"
+                    ) from None
+                # The square is finite if every output is, unless one is beyond 1e154.
+                if not finite(dot(y)):
+                    self._check_finite(index, t)
+                now = clock()
+                if now - since > limit:
+                    self._check_time(index, t)
+                since = now
+            self._now = None
+            record(signals)
+            self._ticks = k + 1
+            if delayed:
+                older[:] = newer
+            if self._stop:
+                raise StoppedError(f"stopped by the user at t = {(k + 1) * step:.6g} s")
+
+    def _check_finite(self, index: int, t: float) -> None:
+        part = self._order[index]
+        for port, value in zip(part.outputs, self._slices[index], strict=True):
+            if not math.isfinite(value):
+                raise PartError(
+                    part.name,
+                    t,
+                    f"part '{part.name}' ended the run at t = {t:.6g} s: its output "
+                    f"'{port.name}' is {value}",
+                )
+
+    def _check_time(self, index: int, t: float) -> None:
+        assert self._now is not None
+        _, doing, _, since = self._now
+        took = time.perf_counter() - since
+        if took > self._limits[index]:
+            name = self._order[index].name
+            raise PartError(
+                name,
+                t,
+                f"part '{name}' took {took:.3g} s for {doing} at t = {t:.6g} s, more than its "
+                f"step_limit of {self._limits[index]:g} s",
+            )
+
+    def _close(self, hung: Part | None) -> None:
+        """Free the parts, in a thread again: freeing can hang, too."""
+        closed = threading.Event()
+
+        def close() -> None:
+            for part in self._order:
+                if part is not hung:
+                    with contextlib.suppress(FaultError):
+                        part.close()
+            closed.set()
+
+        threading.Thread(target=close, name="steadytip-close", daemon=True).start()
+        with contextlib.suppress(KeyboardInterrupt):
+            closed.wait(_CLOSING)

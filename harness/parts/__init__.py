@@ -1,0 +1,203 @@
+"""What can sit in a loop: a part has ports, starts, advances and closes.
+
+The loop cannot tell kinds apart. A part's table in a scenario holds exactly one of the keys of
+`kinds()`, and that key chooses the class.
+Packages elsewhere add a kind by an entry point of the group `steadytip.parts` whose name is the key
+and whose object is a class with the constructor of `Kind`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache
+from importlib.metadata import EntryPoint, entry_points
+from pathlib import Path
+from typing import Any, Literal, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+
+FloatArray = NDArray[np.float64]
+Settings = Mapping[str, Any]
+PortType = Literal["Real", "Integer", "Boolean"]
+
+_GROUP = "steadytip.parts"
+_BUILT_IN = {
+    "fmu": "harness.parts.fmu:FmuPart",
+    "replay": "harness.parts.replay:ReplayPart",
+}
+
+
+@dataclass(frozen=True)
+class Unit:
+    """A unit and what it is made of.
+
+    Attributes:
+        name: as the part writes it, `m/s2`.
+        exponents: of kg, m, s, A, K, mol, cd, rad; None where the part does not say.
+        factor: to the SI base unit.
+        offset: to the SI base unit.
+    """
+
+    name: str
+    exponents: tuple[int, ...] | None = None
+    factor: float = 1.0
+    offset: float = 0.0
+
+    def same_as(self, other: Unit) -> bool:
+        """Whether values pass between the two unchanged; by name where a base unit is missing."""
+        if self.exponents is None or other.exponents is None:
+            return self.name == other.name
+        return (self.exponents, self.factor, self.offset) == (
+            other.exponents,
+            other.factor,
+            other.offset,
+        )
+
+
+DIMENSIONLESS = Unit("1", (0,) * 8)
+
+
+@dataclass(frozen=True)
+class Port:
+    """One scalar that a part takes or gives.
+
+    Attributes:
+        name: unique within the part.
+        type: `Real`, `Integer` or `Boolean`; values travel as float64 whatever the type.
+        unit: None where the part declares no units at all.
+        description: one sentence.
+        depends_on: inputs that an output depends on within one sample; None: perhaps on all.
+    """
+
+    name: str
+    type: PortType = "Real"
+    unit: Unit | None = DIMENSIONLESS
+    description: str = ""
+    depends_on: frozenset[str] | None = None
+
+    @property
+    def unit_name(self) -> str:
+        """Unit for people: the name, `1` without dimension, empty for Boolean and Integer."""
+        return self.unit.name if self.unit is not None and self.type == "Real" else ""
+
+
+@dataclass(frozen=True)
+class Run:
+    """What a part has to know of the run that it takes part in.
+
+    Attributes:
+        step: period of the loop [s].
+        steps: number of ticks.
+        workspace: folder for files of this run only, removed at its end.
+    """
+
+    step: float
+    steps: int
+    workspace: Path
+
+
+class Part(Protocol):
+    """One member of the loop. Its constructor reads and checks; `start` acts."""
+
+    name: str
+    inputs: Sequence[Port]
+    outputs: Sequence[Port]
+    seconds: float
+    """How long it can go on [s]; infinite for most."""
+
+    def start(
+        self,
+        run: Run,
+        driven: Sequence[str],
+        preset: Sequence[bool],
+        u: FloatArray,
+        y: FloatArray,
+    ) -> None:
+        """Get ready for t = 0 and write the initial outputs to `y`.
+
+        Args:
+            run: the run that begins.
+            driven: names of the inputs that wires drive, in the order of `inputs`.
+            preset: for each of them whether `u` holds its value already (an undelayed wire).
+            u: (len(driven),) the loop writes the inputs here before each `advance`.
+            y: (len(outputs),) the part writes its outputs here, in the order of `outputs`.
+
+        Raises:
+            FaultError: what went wrong, without the part's name.
+        """
+
+    def advance(self, t: float, h: float) -> None:
+        """Take the inputs from `u`, go from `t` to `t + h` [s], leave the outputs in `y`.
+
+        Raises:
+            FaultError: what went wrong, without the part's name.
+        """
+
+    def close(self) -> None:
+        """Free everything. Called once, also after a failure."""
+
+    def facts(self) -> dict[str, Any]:
+        """What the report and the results say about this part, JSON types only."""
+
+
+@runtime_checkable
+class Killable(Protocol):
+    """A part that perhaps can be ended from outside while a call into it does not come back."""
+
+    def kill(self) -> bool:
+        """End what the part does, from another thread; that call then raises FaultError.
+
+        Returns:
+            Whether it could be ended.
+        """
+
+
+class Kind(Protocol):
+    """Class of the parts of one kind.
+
+    The kind's own key and `parameters` may hold a path; it arrives resolved against the scenario
+    file that it stands in.
+    """
+
+    def prepare(
+        self, settings: Mapping[str, Settings], progress: Callable[[str], None]
+    ) -> Mapping[str, Settings]:
+        """Get what the parts of this kind need before they are made, all at once.
+
+        Args:
+            settings: of each part of this kind, by name.
+            progress: told in a few words what is being done.
+
+        Returns:
+            Settings to make them from.
+        """
+
+    def __call__(self, name: str, settings: Settings, seed: int) -> Part:
+        """Make a part from its settings in the scenario.
+
+        Args:
+            name: of the part.
+            settings: its table in the scenario, nested tables and all.
+            seed: of this part's own randomness.
+
+        Raises:
+            ProblemsError: everything that is wrong with the settings.
+        """
+
+
+@cache
+def kinds() -> dict[str, EntryPoint]:
+    """Known kinds of parts by their key in a scenario; built-in ones cannot be replaced."""
+    found = {point.name: point for point in entry_points(group=_GROUP)}
+    return found | {key: EntryPoint(key, value, _GROUP) for key, value in _BUILT_IN.items()}
+
+
+def is_path(value: str) -> bool:
+    """Whether a kind's value is a file; a bare word is a name, as in `fmu = "Hand"`.
+
+    >>> is_path("Hand"), is_path("Hand.fmu"), is_path("fmus/Hand")
+    (False, True, True)
+    """
+    return "/" in value or "\\" in value or bool(Path(value).suffix)

@@ -1,0 +1,258 @@
+"""FMUs as parts of the loop: settings from the scenario, checked against the FMU's description."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+
+from fmu_src.kit import range_text
+from harness.errors import FaultError, ProblemsError, nearest
+from harness.parts import FloatArray, Port, Run, Settings, is_path
+from harness.parts.description import Description, Variable, describe
+from harness.parts.fmi import Instance
+from harness.parts.isolated import IsolatedInstance
+from harness.parts.ssv import read_ssv
+
+_Value = float | int | bool | str
+_TOML_TYPES: dict[str, tuple[type, ...]] = {
+    "Real": (float, int),
+    "Integer": (int,),
+    "Boolean": (bool,),
+    "String": (str,),
+}
+
+
+class _Keys(BaseModel):
+    """Settings of an FMU part; every other key is a start value of the FMU.
+
+    Attributes:
+        fmu: path of the file, or name of a model that is built.
+        flavour: of a model that is built.
+        parameters: path of an `.ssv` file with start values.
+        isolate: whether the FMU runs in a process of its own, so that a crash or a hang in it ends
+            the part with a message and not the run's process.
+    """
+
+    model_config = ConfigDict(extra="allow", strict=True)
+
+    fmu: str
+    flavour: str = "native"
+    parameters: str | None = None
+    isolate: bool = False
+
+
+class FmuPart:
+    """An FMI 2.0 co-simulation FMU, of ours or of anybody's."""
+
+    def __init__(self, name: str, settings: Settings, seed: int) -> None:
+        """Read the FMU's description and check the settings against it.
+
+        Raises:
+            ProblemsError: everything that is wrong with the settings.
+            SteadytipError: the FMU cannot be read or does not run on this machine.
+        """
+        self.name = name
+        try:
+            keys = _Keys.model_validate(dict(settings))
+        except ValidationError as error:
+            raise ProblemsError(
+                f"part '{name}'",
+                [f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}" for e in error.errors()],
+            ) from None
+        self.description: Description = describe(Path(keys.fmu))
+        self.description.binary()
+        self.inputs: Sequence[Port] = self.description.inputs
+        self.outputs: Sequence[Port] = self.description.outputs
+        self.seconds = math.inf
+        problems: list[str] = []
+        self.start_values = self._start_values(keys, problems)
+        if problems:
+            raise ProblemsError(f"part '{name}' ({self.description.path.name})", problems)
+        self._take_seed(seed)
+        self._isolate = keys.isolate
+        self._instance: Instance | IsolatedInstance | None = None
+
+    @classmethod
+    def prepare(
+        cls, settings: Mapping[str, Settings], progress: Callable[[str], None]
+    ) -> dict[str, Settings]:
+        """Build the models that are named instead of given as files.
+
+        Raises:
+            SteadytipError: no such model, or it does not build.
+        """
+        wanted: dict[str, list[str]] = {}
+        for table in settings.values():
+            if _is_model(table):
+                names = wanted.setdefault(str(table.get("flavour", "native")), [])
+                names += [table["fmu"]] * (table["fmu"] not in names)
+        built = {flavour: _build(names, flavour, progress) for flavour, names in wanted.items()}
+        return {
+            name: {**table, "fmu": str(built[table.get("flavour", "native")][table["fmu"]])}
+            if _is_model(table)
+            else table
+            for name, table in settings.items()
+        }
+
+    def start(
+        self,
+        run: Run,
+        driven: Sequence[str],
+        preset: Sequence[bool],
+        u: FloatArray,
+        y: FloatArray,
+    ) -> None:
+        """Load, instantiate and initialise the FMU; see `harness.parts.Part.start`."""
+        make = IsolatedInstance if self._isolate else Instance
+        self._instance = make(self.description, self.name, run.workspace)
+        self._instance.begin(
+            stop=run.steps * run.step,
+            start_values=self.start_values,
+            preset=[name for name, there in zip(driven, preset, strict=True) if there],
+            preset_values=u[np.asarray(preset, dtype=bool)] if len(driven) else u,
+        )
+        # The loop calls the instance's own function: one Python frame less per part and tick.
+        self.advance = self._instance.stepper(driven, u, y)  # type: ignore
+
+    def advance(self, t: float, h: float) -> None:
+        """See `harness.parts.Part.advance`; replaced by the instance's own function in `start`."""
+        raise FaultError(f"was asked for t = {t:g} s, h = {h:g} s before it was started")
+
+    def kill(self) -> bool:
+        """See `harness.parts.Killable`: an isolated FMU can be ended, another one cannot."""
+        if not isinstance(self._instance, IsolatedInstance):
+            return False
+        self._instance.kill()
+        return True
+
+    def close(self) -> None:
+        """Terminate, free and unload the FMU as far as its state allows."""
+        if self._instance is not None:
+            self._instance.close()
+            self._instance = None
+
+    def facts(self) -> dict[str, Any]:
+        """File, identity and start values."""
+        model = self.description.model
+        return {
+            "kind": "fmu",
+            "file": self.description.path.name,
+            "model": model.modelName,
+            "version": model.version or "",
+            "generation_tool": model.generationTool or "",
+            "guid": model.guid,
+            "sha256": self.description.sha256,
+            "start_values": dict(self.start_values),
+            "seed": self.start_values.get("seed"),
+            "isolated": self._isolate,
+        }
+
+    def _start_values(self, keys: _Keys, problems: list[str]) -> dict[str, _Value]:
+        variables = self.description.variables
+        given: dict[str, Any] = {}
+        if keys.parameters is not None:
+            for name, entry in read_ssv(Path(keys.parameters)).items():
+                known = variables.get(name)
+                if known and entry.unit and known.unit and entry.unit != known.unit:
+                    problems.append(
+                        f"'{name}' in {Path(keys.parameters).name} is in {entry.unit}, "
+                        f"the FMU's variable in {known.unit}: give it in {known.unit}"
+                    )
+                given[name] = entry.value
+        given |= dict(_flat(keys.model_extra or {}))
+        values: dict[str, _Value] = {}
+        for name, value in given.items():
+            for scalar, item in self._scalars(name, value, problems):
+                trouble = _trouble(variables[scalar], item)
+                if trouble:
+                    problems.append(trouble)
+                else:
+                    values[scalar] = item
+        return values
+
+    def _scalars(self, name: str, value: Any, problems: list[str]) -> Iterator[tuple[str, _Value]]:
+        """A scalar as it is, a list as `name[1]`, `name[2]`, ..."""
+        variables = self.description.variables
+        if not isinstance(value, list):
+            if name in variables:
+                yield name, value
+                return
+            array = _length(variables, name)
+            settable = {v.name.split("[")[0] for v in variables.values() if v.settable}
+            problems.append(
+                f"'{name}' is an array: give all {array} values in a list"
+                if array
+                else f"the FMU has no variable '{name}'; "
+                f"{nearest(name, settable | set(_Keys.model_fields))}"
+            )
+            return
+        length = _length(variables, name)
+        if length != len(value):
+            problems.append(
+                f"'{name}' has {length} elements, the scenario gives {len(value)}"
+                if length
+                else f"the FMU has no array '{name}'; "
+                f"{nearest(name, {n.split('[')[0] for n in variables if '[' in n})}"
+            )
+            return
+        yield from ((f"{name}[{i}]", item) for i, item in enumerate(value, start=1))
+
+    def _take_seed(self, seed: int) -> None:
+        variable = self.description.variables.get("seed")
+        if variable is None or variable.type != "Integer" or variable.causality != "parameter":
+            return
+        low = int(max(variable.low, 0))
+        high = int(min(variable.high, 2**31 - 1))
+        self.start_values.setdefault("seed", low + seed % (high - low + 1))
+
+
+def _is_model(table: Settings) -> bool:
+    name = table.get("fmu")
+    return isinstance(name, str) and not is_path(name)
+
+
+def _build(names: list[str], flavour: str, progress: Callable[[str], None]) -> dict[str, Path]:
+    from fmu_src import pack
+
+    return pack.build(names, flavour, progress=lambda name: progress(f"building {name}"))
+
+
+def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
+    """Nested tables as dotted names, as FMUs write structured ones."""
+    for key, value in table.items():
+        if isinstance(value, Mapping):
+            yield from _flat(value, f"{prefix}{key}.")
+        else:
+            yield f"{prefix}{key}", value
+
+
+def _length(variables: Mapping[str, Variable], name: str) -> int:
+    count = 0
+    while f"{name}[{count + 1}]" in variables:
+        count += 1
+    return count
+
+
+def _trouble(variable: Variable, value: _Value) -> str:
+    """What is wrong with a start value; empty if nothing is."""
+    unit = f" {variable.unit}" if variable.unit else ""
+    if not variable.settable:
+        return f"'{variable.name}' cannot be set: its causality is {variable.causality}"
+    wanted = _TOML_TYPES[variable.type]
+    if not isinstance(value, wanted) or (isinstance(value, bool) and variable.type != "Boolean"):
+        return f"'{variable.name}' = {value!r} should be of type {variable.type}"
+    if isinstance(value, str | bool):
+        return ""
+    if not math.isfinite(value):
+        return f"'{variable.name}' = {value} should be a finite number{unit and ' in'}{unit}"
+    if not variable.low <= value <= variable.high:
+        return (
+            f"'{variable.name}' = {value:g}{unit} should be "
+            f"{range_text(variable.low, variable.high)}{unit}"
+        )
+    return ""

@@ -1,0 +1,284 @@
+"""What a run leaves on the disk.
+
+While it runs, chunks of ticks go to `results.arrows`, an Arrow IPC stream that can be read up to
+its last chunk whatever becomes of the process. At the end they become `results.parquet` (and a CSV
+file on demand) and the stream is removed. Columns are `time` [s] and `part.port`; each field
+carries its unit and description, the schema a JSON object about the run.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pyarrow as pa
+from pyarrow import csv, parquet
+
+from harness.errors import RecordError, SteadytipError
+from harness.parts import FloatArray, PortType
+
+__all__ = [
+    "CHUNK",
+    "METRICS",
+    "REPORT",
+    "Column",
+    "Recorder",
+    "read_facts",
+    "read_table",
+    "reason",
+    "record_file",
+    "replacing",
+]
+
+STREAM, PARQUET, CSV = "results.arrows", "results.parquet", "results.csv"
+METRICS, REPORT = "metrics.json", "report.html"
+OUTPUTS = (STREAM, PARQUET, CSV, METRICS, REPORT)
+CHUNK = 1000
+"""Ticks per chunk of the stream: what a killed process loses at most."""
+
+_FACTS = b"steadytip"
+_ARROW: Mapping[PortType, pa.DataType] = {
+    "Real": pa.float64(),
+    "Integer": pa.int32(),
+    "Boolean": pa.bool_(),
+}
+
+
+@dataclass(frozen=True)
+class Column:
+    """One recorded signal; see `harness.parts.Port`."""
+
+    name: str
+    type: PortType
+    unit: str
+    description: str
+
+
+class Recorder:
+    """Takes the signals of every tick and writes them in chunks."""
+
+    def __init__(
+        self, folder: Path, columns: Sequence[Column], step: float, facts: Mapping[str, Any]
+    ) -> None:
+        """Clear the folder of an earlier run's files and open the stream.
+
+        Args:
+            folder: made if it does not exist.
+            columns: of the signals, in their order.
+            step: period of the ticks [s].
+            facts: about the run, JSON types only.
+
+        Raises:
+            RecordError: the folder cannot be written to.
+        """
+        self.folder = folder
+        self.ticks = 0
+        self._columns = columns
+        self._step = step
+        self._schema = _schema(columns, facts)
+        self._chunk = np.empty((CHUNK, len(columns)))
+        self._filled = 0
+        self._broken = False
+        try:
+            folder.mkdir(parents=True, exist_ok=True)
+            for name in OUTPUTS:
+                (folder / name).unlink(missing_ok=True)
+            self._sink = pa.OSFile(str(self.stream), "wb")
+            self._writer = pa.ipc.new_stream(self._sink, self._schema)
+        except OSError as error:
+            raise RecordError(f"cannot record to {folder}: {reason(error)}") from None
+
+    @property
+    def stream(self) -> Path:
+        """The file that chunks go to."""
+        return self.folder / STREAM
+
+    def append(self, signals: FloatArray) -> None:
+        """Record one tick, (len(columns),).
+
+        Raises:
+            RecordError: the disk does not take another chunk.
+        """
+        self._chunk[self._filled] = signals
+        self._filled += 1
+        if self._filled == CHUNK:
+            self.flush()
+
+    def flush(self) -> None:
+        """Write what is held back.
+
+        Raises:
+            RecordError: the disk does not take it.
+        """
+        if not self._filled or self._broken:
+            return
+        times = np.arange(self.ticks, self.ticks + self._filled) * self._step
+        values = np.ascontiguousarray(self._chunk[: self._filled].T)
+        arrays = [pa.array(times)]
+        arrays += [
+            pa.array(v != 0.0 if c.type == "Boolean" else v).cast(_ARROW[c.type])
+            for c, v in zip(self._columns, values, strict=True)
+        ]
+        batch = pa.record_batch(arrays, schema=self._schema)
+        try:
+            self._writer.write_batch(batch)
+        except OSError as error:
+            self._broken = True
+            raise RecordError(
+                f"{self.stream}: {reason(error)} while writing "
+                f"{batch.nbytes / 1e6:.3g} MB. The {self.ticks * self._step:g} s recorded before "
+                "are in that file; 'harness.read' reads it. Make room, or choose another folder."
+            ) from None
+        self.ticks += self._filled
+        self._filled = 0
+
+    def finish(self, facts: Mapping[str, Any], as_csv: bool = False) -> Path:
+        """Close the stream and turn it into Parquet.
+
+        Args:
+            facts: about the run, now that it is over.
+            as_csv: write a CSV file beside it.
+
+        Returns:
+            The file that holds the record.
+
+        Raises:
+            RecordError: the disk does not take a file; the record is in the one written before.
+        """
+        self.close()
+        if self._broken:
+            return self.stream
+        target = self.folder / PARQUET
+        schema = _schema(self._columns, facts)
+        try:
+            with replacing(target) as part, parquet.ParquetWriter(part, schema) as writer:
+                for batch in _batches(self.stream):
+                    writer.write_batch(batch.replace_schema_metadata(schema.metadata))
+        except OSError as error:
+            size = self.stream.stat().st_size / 1e6
+            raise RecordError(
+                f"{target}: {reason(error)}; about {size:.3g} MB are needed. All "
+                f"{self.ticks * self._step:g} s are in {self.stream}; 'harness.read' reads it."
+            ) from None
+        try:
+            if as_csv:
+                _write_csv(self.folder / CSV, self.stream, schema)
+        except OSError as error:
+            raise RecordError(
+                f"{self.folder / CSV}: {reason(error)}. The record is complete in {target}."
+            ) from None
+        finally:
+            self.stream.unlink()
+        return target
+
+    def discard(self) -> None:
+        """Leave no file of a run that never reached its first tick."""
+        self.close()
+        self.stream.unlink()
+
+    def close(self) -> None:
+        """Write what is held back, if the disk takes it, and close the stream."""
+        with suppress(RecordError):
+            self.flush()
+        with suppress(OSError):
+            self._writer.close()
+        with suppress(OSError):
+            self._sink.close()
+
+
+class replacing:  # noqa: N801 - reads as a verb in `with`
+    """A name to write to: becomes the target when all went well, and vanishes otherwise."""
+
+    def __init__(self, target: Path) -> None:
+        self._target = target
+        self._part = target.with_name(f"{target.name}.part")
+
+    def __enter__(self) -> Path:
+        return self._part
+
+    def __exit__(self, kind: object, error: BaseException | None, _trace: object) -> None:
+        if error is None:
+            self._part.replace(self._target)
+            return
+        self._part.unlink(missing_ok=True)
+        if isinstance(error, OSError):
+            error.filename = str(self._target)  # a failing write does not know where it was
+
+
+def reason(error: OSError) -> str:
+    """What the system says; Arrow wraps it into words of its own."""
+    return os.strerror(error.errno) if error.errno else str(error)
+
+
+def _schema(columns: Sequence[Column], facts: Mapping[str, Any]) -> pa.Schema:
+    fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "description": "time"})]
+    fields += [
+        pa.field(c.name, _ARROW[c.type], metadata={"unit": c.unit, "description": c.description})
+        for c in columns
+    ]
+    return pa.schema(fields, metadata={_FACTS: json.dumps(dict(facts))})
+
+
+def _batches(stream: Path) -> Iterator[pa.RecordBatch]:
+    """Whole chunks of a stream; a chunk that was cut off ends it."""
+    with pa.OSFile(str(stream), "rb") as source, pa.ipc.open_stream(source) as reader:
+        while True:
+            try:
+                yield reader.read_next_batch()
+            except (StopIteration, pa.ArrowInvalid, OSError):
+                return
+
+
+def _write_csv(target: Path, stream: Path, schema: pa.Schema) -> None:
+    """Header `name [unit]`, full precision."""
+    units = [field.metadata[b"unit"].decode() for field in schema]
+    names = [f"{n} [{u}]" if u else n for n, u in zip(schema.names, units, strict=True)]
+    plain = pa.schema([pa.field(n, f.type) for n, f in zip(names, schema, strict=True)])
+    with replacing(target) as part, csv.CSVWriter(part, plain) as writer:
+        for batch in _batches(stream):
+            writer.write_batch(pa.record_batch(batch.columns, schema=plain))
+
+
+def record_file(path: Path) -> Path:
+    """The record in a run's folder, finished or not; a file is taken as it is.
+
+    Raises:
+        SteadytipError: there is none.
+    """
+    candidates = [path / PARQUET, path / STREAM] if path.is_dir() else [path]
+    for file in candidates:
+        if file.is_file():
+            return file
+    raise SteadytipError(
+        f"{path} holds no record: neither {PARQUET} nor {STREAM}"
+        if path.is_dir()
+        else f"{path} does not exist"
+    )
+
+
+def read_table(file: Path) -> pa.Table:
+    """Read a record of either format.
+
+    Raises:
+        SteadytipError: it is not one.
+    """
+    try:
+        if file.suffix == Path(PARQUET).suffix:
+            return parquet.read_table(file)
+        with pa.OSFile(str(file), "rb") as source:
+            schema = pa.ipc.open_stream(source).schema
+        return pa.Table.from_batches(_batches(file), schema)
+    except (pa.ArrowException, OSError) as error:
+        raise SteadytipError(f"{file} is not a record of a run: {error}") from None
+
+
+def read_facts(table: pa.Table) -> dict[str, Any]:
+    """The JSON object about the run; empty if the table is not from a run."""
+    metadata = table.schema.metadata or {}
+    return dict(json.loads(metadata.get(_FACTS, b"{}")))

@@ -1,0 +1,128 @@
+"""What comes out of a run: signals, metrics, files."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping
+from functools import cached_property
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness.errors import SteadytipError, nearest
+from harness.record import METRICS, REPORT, read_facts, read_table, record_file, replacing
+from harness.system import matching
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from harness.metrics import Metric
+    from harness.parts import FloatArray
+
+__all__ = ["Result", "read"]
+
+
+class Result:
+    """A run, read from its files.
+
+    Attributes:
+        file: the record, Parquet or (of a run that did not finish) an Arrow stream.
+        path: the folder it is in.
+    """
+
+    def __init__(self, file: Path) -> None:
+        """Refer to a record; it is read on first use."""
+        self.file = file
+        self.path = file.parent
+
+    @cached_property
+    def table(self) -> pa.Table:
+        """All signals: `time` and `part.port`, units in the fields' metadata."""
+        return read_table(self.file)
+
+    @cached_property
+    def facts(self) -> Mapping[str, Any]:
+        """About the run: scenario, roles, parts with their FMUs, seeds, versions, how it ended."""
+        return read_facts(self.table)
+
+    @property
+    def error(self) -> str | None:
+        """Why the run ended early; None if it did not, or if the process was killed."""
+        return self.facts.get("error")
+
+    @property
+    def units(self) -> dict[str, str]:
+        """Unit of each column."""
+        return {
+            field.name: (field.metadata or {}).get(b"unit", b"").decode()
+            for field in self.table.schema
+        }
+
+    @cached_property
+    def time(self) -> FloatArray:
+        """(n,) instants of the samples [s]."""
+        return np.asarray(self.table.column("time").to_numpy())
+
+    def signals(self, name: str) -> FloatArray:
+        """Signals by name.
+
+        Args:
+            name: `part.port` for one signal; with `*` or `?` for several.
+
+        Returns:
+            (n,), or (n, columns) for a pattern.
+
+        Raises:
+            SteadytipError: nothing is called so.
+        """
+        columns = self.table.column_names
+        names = matching(columns, name)
+        if not names:
+            raise SteadytipError(f"{self.file} has no signal '{name}'; {nearest(name, columns)}")
+        values = self._columns(names)
+        return values if set(name) & set("*?") else values[:, 0]
+
+    def role(self, role: str) -> FloatArray | None:
+        """(n, columns) signals that play a role of the scenario's `signals`; None without one."""
+        names = self.facts.get("roles", {}).get(role)
+        return self._columns(names) if names else None
+
+    def _columns(self, names: Any) -> FloatArray:
+        return np.column_stack([self.table.column(n).to_numpy().astype(float) for n in names])
+
+    @cached_property
+    def metrics(self) -> Mapping[str, Metric]:
+        """Figures of merit by name, computed from the record; see `harness.metrics`."""
+        from harness.metrics import metrics_of_result
+
+        return metrics_of_result(self)
+
+    @property
+    def report(self) -> Path:
+        """Where the report is, if one was written."""
+        return self.path / REPORT
+
+    def write_metrics(self) -> Path:
+        """Write `metrics.json`: `{name: {"value", "unit", "definition"}}`."""
+        target = self.path / METRICS
+        values = {
+            name: {"value": m.value, "unit": m.unit, "definition": m.definition}
+            for name, m in self.metrics.items()
+        }
+        with replacing(target) as part:
+            part.write_text(json.dumps(values, indent=2, ensure_ascii=False) + "\n", "utf-8")
+        return target
+
+
+def read(path: str | os.PathLike[str]) -> Result:
+    """Read a run back, also one whose process was killed.
+
+    Args:
+        path: folder of the run, or its `results.parquet` or `results.arrows`.
+
+    Raises:
+        SteadytipError: there is no record.
+    """
+    return Result(record_file(Path(path)))

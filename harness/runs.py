@@ -1,0 +1,133 @@
+"""One run from scenario to report."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import fmu_src
+from harness import scenario as scenarios
+from harness.errors import RecordError
+from harness.loop import Loop, Progress
+from harness.parts import Run
+from harness.record import Recorder, reason, record_file
+from harness.result import Result
+from harness.system import System, assemble
+
+__all__ = ["default_folder", "facts_of", "run"]
+
+_VERSIONS = ("fmpy", "numpy", "scipy", "pyarrow", "plotly")
+
+
+def run(
+    scenario: str | os.PathLike[str],
+    *,
+    motion: str | os.PathLike[str] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    out: str | os.PathLike[str] | None = None,
+    csv: bool = False,
+    report: bool = True,
+    status: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _done, _seconds: None,
+) -> Result:
+    """Run a scenario and write its record, metrics and report.
+
+    Args:
+        scenario: path of a scenario file, or the name of a shipped one.
+        motion: recording for the one part that takes one.
+        overrides: values by dotted key, put in place of the scenario's, `{"part.hand.seed": 3}`.
+        out: folder for the results; by default `build/runs/SCENARIO[-RECORDING]`.
+        csv: write the signals as CSV, too.
+        report: write `report.html`.
+        status: told in a few words what is being done.
+        progress: told simulated time done and in all [s], some times a second.
+
+    Raises:
+        RunError: the run ended early; its `result` holds what was recorded until then.
+        SteadytipError: a mistake in the scenario, the recording, or an FMU; nothing was run.
+    """
+    checked = scenarios.load(scenario, overrides)
+    system = assemble(checked, Path(motion) if motion is not None else None, status)
+    folder = Path(out) if out is not None else default_folder(system)
+    for note in system.notes:
+        status(note)
+    facts = facts_of(system)
+    recorder = Recorder(folder, system.columns, checked.step, facts)
+    with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as workspace:
+        once = Run(checked.step, system.steps, Path(workspace))
+        outcome = Loop(system, once, recorder).go(progress)
+    if outcome.error is not None and outcome.ticks == 0:
+        recorder.discard()
+        raise outcome.error
+    facts |= {
+        "wall": outcome.wall,
+        "ticks": outcome.ticks,
+        "error": str(outcome.error) if outcome.error else None,
+    }
+    error = outcome.error
+    try:
+        result = Result(recorder.finish(facts, csv))
+        if not isinstance(error, RecordError):
+            _write(result, status, report)
+    except RecordError as trouble:
+        error, result = error or trouble, Result(record_file(folder))
+    except OSError as trouble:
+        text = f"{trouble.filename}: {reason(trouble)}. The record is complete in {result.file}."
+        error = error or RecordError(text)
+    if error is not None:
+        error.result = result
+        raise error
+    return result
+
+
+def _write(result: Result, status: Callable[[str], None], report: bool) -> None:
+    status("metrics")
+    result.write_metrics()
+    if report:
+        from harness.report import write_report
+
+        status("report")
+        write_report(result)
+
+
+def default_folder(system: System) -> Path:
+    """`build/runs/SCENARIO[-RECORDING]` below the current directory."""
+    recordings = [path.stem for path in system.motions.values()]
+    return Path("build", "runs", "-".join([system.scenario.name, *recordings]))
+
+
+def facts_of(system: System) -> dict[str, Any]:
+    """What has to be known to repeat a run and to read its results; JSON types only."""
+    scenario = system.scenario
+    return {
+        "scenario": scenario.name,
+        "title": scenario.title,
+        "step": scenario.step,
+        "steps": system.steps,
+        "settle": scenario.settle,
+        "seed": scenario.seed,
+        "texts": [list(text) for text in scenario.texts],
+        "overrides": dict(scenario.overrides),
+        "motions": {name: path.name for name, path in system.motions.items()},
+        "roles": {role: list(names) for role, names in system.roles.items()},
+        "order": list(system.wiring.order),
+        "delays": {
+            f"{link.source_part}.{link.source}": link.delay
+            for link in system.wiring.links
+            if link.delay
+        },
+        "undriven": list(system.wiring.undriven),
+        "notes": list(system.notes),
+        "parts": {name: part.facts() for name, part in system.parts.items()},
+        "versions": {
+            "steadytip": fmu_src.__version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in _VERSIONS},
+        },
+        "machine": f"{platform.system()} {platform.machine()}",
+    }

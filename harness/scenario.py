@@ -1,0 +1,344 @@
+"""Scenario files: which parts, how they are wired, for how long.
+
+A scenario is TOML. Keys of the file:
+
+| key | unit | meaning |
+| --- | --- | --- |
+| title | | one line for people |
+| extends | | scenario that this one changes: parts merge per key, wires are appended |
+| seconds | s | simulated time |
+| step | s | period of the loop |
+| settle | s | left out of the metrics at the start |
+| seed | | all randomness of the run follows from it |
+| part.NAME | | one member of the loop: one key of `harness.parts.kinds()`, and its settings |
+| wire | | list of `from`, `to` (`part.port`; a `*` is the same text on both sides), `delay` |
+| signals | | what the metrics and the report read: role = port, pattern (`*`, `?`) or list |
+
+Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]) and
+`motion` (a recording that is streamed into the part's inputs `recorded_*`).
+"""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+from importlib.resources import files
+from pathlib import Path
+from typing import Annotated, Any
+
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from harness.errors import ProblemsError, SteadytipError, nearest
+from harness.parts import is_path, kinds
+
+__all__ = ["SHORTEST", "PartTable", "Scenario", "Signals", "Wire", "available", "load"]
+
+SHORTEST = 1.0
+"""Seconds that have to be left after `settle`; less is no basis for a figure of merit."""
+
+_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
+_Ports = str | list[str]
+_SHIPPED = files("harness") / "scenarios"
+
+
+class _Strict(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
+
+
+@dataclass(frozen=True)
+class Wire:
+    """Connection from an output to an input, or from several to as many by one `*`.
+
+    Attributes:
+        source: `part.port` that gives the value.
+        target: `part.port` that takes it.
+        delay: samples of the scenario's step by which the value arrives later.
+    """
+
+    source: str
+    target: str
+    delay: int = 0
+
+
+class _Wire(_Strict):
+    source: str = Field(alias="from")
+    target: str = Field(alias="to")
+    delay: int = Field(default=0, ge=0)
+
+
+class Signals(_Strict):
+    """Roles that recorded ports play for the metrics and the report; every one may be missing.
+
+    Attributes:
+        moved: tip if nothing compensated it (3), m in W.
+        tip: tip with compensation (3), m in W.
+        intent: what the hand wants to do (3), m in W.
+        drive: voltages of the actuators (n), V.
+        stroke: what the actuators make of them (n), m.
+        attitude_true: quaternion q_WB of the plant (4), scalar first.
+        attitude_estimated: the same as estimated (4).
+        saturated: true while a command is at its limit (1).
+    """
+
+    moved: _Ports | None = None
+    tip: _Ports | None = None
+    intent: _Ports | None = None
+    drive: _Ports | None = None
+    stroke: _Ports | None = None
+    attitude_true: _Ports | None = None
+    attitude_estimated: _Ports | None = None
+    saturated: _Ports | None = None
+
+
+class _Common(BaseModel):
+    model_config = ConfigDict(extra="allow", strict=True, frozen=True)
+
+    step_limit: _Positive = 10.0
+    motion: str | None = None
+
+
+class _File(_Strict):
+    title: str = ""
+    seconds: _Positive
+    step: _Positive
+    settle: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    seed: int = Field(default=1, ge=0)
+    part: dict[str, _Common]
+    wire: list[_Wire] = []
+    signals: Signals = Signals()
+
+
+@dataclass(frozen=True)
+class PartTable:
+    """One part as the scenario describes it.
+
+    Attributes:
+        kind: key of `harness.parts.kinds()`.
+        settings: the kind's own settings, `kind` among them.
+        step_limit: wall-clock time that one call may take [s].
+        motion: recording to stream into it.
+    """
+
+    kind: str
+    settings: Mapping[str, Any]
+    step_limit: float
+    motion: Path | None
+
+
+@dataclass(frozen=True)
+class Scenario:
+    """A checked scenario; see the module's table for the fields.
+
+    Attributes:
+        name: file name without its ending.
+        texts: (name, text) of the files that it was read from, the most basic one first.
+        overrides: what replaced values of the files.
+    """
+
+    name: str
+    title: str
+    seconds: float
+    step: float
+    settle: float
+    seed: int
+    parts: Mapping[str, PartTable]
+    wires: tuple[Wire, ...]
+    signals: Signals
+    texts: tuple[tuple[str, str], ...]
+    overrides: Mapping[str, Any] = field(default_factory=dict)
+
+
+def available() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(Path(str(item)).stem for item in _SHIPPED.iterdir() if item.name[-5:] == ".toml")
+
+
+def load(scenario: str | os.PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """Read, merge and check a scenario.
+
+    Args:
+        scenario: path of a TOML file, or the name of a shipped one.
+        overrides: values by dotted key, `part.hand.seed`, put in place of the file's.
+
+    Raises:
+        ProblemsError: everything that is wrong with the scenario.
+        SteadytipError: a file is missing or not TOML, or extends itself.
+    """
+    path = _locate(scenario, Path())
+    table, texts = _read(path, ())
+    overrides = dict(overrides or {})
+    problems: list[str] = []
+    if overrides:
+        table = _merge(table, _resolved(_nested(overrides, problems), Path(), "overrides"))
+    parts = table.get("part")
+    if isinstance(parts, dict):
+        problems += [text for name, part in parts.items() for text in _kind_problems(name, part)]
+    try:
+        checked = _File.model_validate(table)
+    except ValidationError as error:
+        problems += [_sentence(entry) for entry in error.errors()]
+    if problems:
+        raise ProblemsError(path.name, problems)
+    return Scenario(
+        name=path.stem,
+        title=checked.title or path.stem,
+        seconds=checked.seconds,
+        step=checked.step,
+        settle=checked.settle,
+        seed=checked.seed,
+        parts={name: _part(part) for name, part in checked.part.items()},
+        wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
+        signals=checked.signals,
+        texts=texts,
+        overrides=overrides,
+    )
+
+
+def _locate(scenario: str | os.PathLike[str], folder: Path) -> Path:
+    path = Path(scenario)
+    if len(path.parts) == 1 and not path.suffix:
+        shipped = Path(str(_SHIPPED / f"{path.name}.toml"))
+        if not shipped.is_file():
+            raise SteadytipError(
+                f"no scenario is called '{path.name}'; {nearest(path.name, available())} "
+                "A scenario of your own is given by its path, ending in .toml."
+            )
+        return shipped
+    path = folder / path
+    if not path.is_file():
+        raise SteadytipError(f"scenario file {path} does not exist")
+    return path
+
+
+def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tuple[str, str], ...]]:
+    """Table of a scenario with everything that it extends, and the texts of all files."""
+    if path.resolve() in seen:
+        chain = " -> ".join(item.name for item in (*seen, path))
+        raise SteadytipError(f"{path.name}: 'extends' goes round in a circle: {chain}")
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SteadytipError(f"{path} is not TOML: {error}") from None
+    except OSError as error:
+        raise SteadytipError(f"{path} cannot be read: {error.strerror}") from None
+    base = table.pop("extends", None)
+    table = _resolved(table, path.parent, path.name)
+    here = ((path.name, text),)
+    if base is None:
+        return table, here
+    if not isinstance(base, str):
+        raise SteadytipError(f"{path.name}: 'extends' names one scenario, not {base!r}")
+    below, texts = _read(_locate(base, path.parent), (*seen, path.resolve()))
+    return _merge(below, table), texts + here
+
+
+def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """The table with the paths in its parts made independent of where it stands."""
+    parts = table.get("part", {})
+    if not isinstance(parts, dict) or not all(isinstance(part, dict) for part in parts.values()):
+        raise SteadytipError(f"{where}: 'part' holds tables, as in [part.hand]")
+
+    def resolved(key: str, value: Any) -> Any:
+        return str(folder / value) if isinstance(value, str) and _is_path(key, value) else value
+
+    return table | {
+        "part": {
+            name: {key: resolved(key, value) for key, value in part.items()}
+            for name, part in parts.items()
+        }
+    }
+
+
+def _is_path(key: str, value: str) -> bool:
+    # A bare word after a kind's key is a name, as in `fmu = "Hand"`: no path.
+    if key in kinds():
+        return is_path(value)
+    return key in {"motion", "parameters"}
+
+
+def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    """`above` laid over `below`: tables merge, wires are appended, the rest is replaced."""
+    merged = dict(below)
+    for key, value in above.items():
+        old = merged.get(key)
+        if key == "wire" and isinstance(old, list) and isinstance(value, list):
+            merged[key] = old + value
+        elif key == "part" and isinstance(old, dict):
+            merged[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
+        elif isinstance(old, dict) and isinstance(value, dict):
+            merged[key] = _merge(old, value)
+        else:
+            merged[key] = value
+    return merged
+
+
+def _merge_part(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+    # Another kind of part has other settings: nothing of the old one fits.
+    known = kinds().keys()
+    changes_kind = any(key in known and key not in below for key in above)
+    return dict(above) if changes_kind else _merge(below, above)
+
+
+def _nested(overrides: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+    nested: dict[str, Any] = {}
+    for dotted, value in overrides.items():
+        *path, last = dotted.split(".")
+        table = nested
+        for key in path:
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                problems.append(f"override '{dotted}' = {value!r} contradicts another override")
+                table = {}
+        table[last] = value
+    return nested
+
+
+def _kind_problems(name: str, part: Mapping[str, Any]) -> Iterable[str]:
+    found = [key for key in kinds() if key in part]
+    if "." in name or not name:
+        yield f"part '{name}': a name has at least one letter and no dot"
+    if not found:
+        yield (
+            f"part '{name}' does not say what it is: add one of {', '.join(kinds())}"
+            f"{_hint(part, kinds())}"
+        )
+    elif len(found) > 1:
+        yield f"part '{name}' is several things at once ({', '.join(found)}): keep one"
+
+
+def _hint(part: Mapping[str, Any], known: Iterable[str]) -> str:
+    hints = {key: nearest(key, known) for key in part}
+    close = [f"'{key}': {hint}" for key, hint in hints.items() if hint.startswith("did")]
+    return f" ({'; '.join(close)})" if close else ""
+
+
+_MODELS: dict[str, type[BaseModel]] = {"": _File, "wire": _Wire, "signals": Signals}
+
+
+def _sentence(entry: Any) -> str:
+    """One of pydantic's errors in our words."""
+    place = [item for item in entry["loc"] if item not in {"str", "list[str]"}]
+    key = ".".join(f"{item}" for item in place)
+    if entry["type"] == "extra_forbidden":
+        model = _MODELS["" if len(place) == 1 else str(place[0])]
+        known = [entry.alias or name for name, entry in model.model_fields.items()]
+        if model is _File:
+            known.append("extends")
+        return f"unknown key '{key}'; {nearest(str(place[-1]), known)}"
+    if entry["type"] == "missing":
+        return f"'{key}' is missing"
+    return f"'{key}' = {entry['input']!r}: {entry['msg'][:1].lower()}{entry['msg'][1:]}"
+
+
+def _part(part: _Common) -> PartTable:
+    settings = dict(part.model_extra or {})
+    (kind,) = (key for key in kinds() if key in settings)
+    return PartTable(
+        kind=kind,
+        settings=settings,
+        step_limit=part.step_limit,
+        motion=Path(part.motion) if part.motion is not None else None,
+    )

@@ -1,0 +1,216 @@
+"""From a scenario to parts that are wired and ready to start."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from fnmatch import fnmatchcase
+from pathlib import Path
+
+import numpy as np
+
+from harness.errors import ProblemsError, SteadytipError, nearest
+from harness.parts import Part, Settings, kinds
+from harness.parts.replay import PORTS as MOTION_PORTS
+from harness.parts.replay import ReplayPart
+from harness.record import Column
+from harness.scenario import SHORTEST, Scenario, Signals, Wire
+from harness.wiring import Wiring, connect
+
+__all__ = ["System", "assemble", "matching", "part_seed"]
+
+_COUNTS = {
+    "moved": 3,
+    "tip": 3,
+    "intent": 3,
+    "attitude_true": 4,
+    "attitude_estimated": 4,
+    "saturated": 1,
+}
+
+
+@dataclass(frozen=True)
+class System:
+    """Parts with their wiring.
+
+    Attributes:
+        scenario: what it was made from.
+        parts: by name, in the scenario's order; recordings stand before the part they move.
+        wiring: run order and connections.
+        step_limits: wall-clock time that one call of each part may take [s].
+        roles: names of the recorded columns that play each role of the scenario's `signals`.
+        motions: recordings by the name of the part that they move.
+        steps: number of ticks.
+        notes: what the user should know before the run.
+    """
+
+    scenario: Scenario
+    parts: Mapping[str, Part]
+    wiring: Wiring
+    step_limits: Mapping[str, float]
+    roles: Mapping[str, tuple[str, ...]]
+    motions: Mapping[str, Path]
+    steps: int
+    notes: tuple[str, ...]
+
+    @property
+    def columns(self) -> list[Column]:
+        """All outputs in the order of the parts."""
+        return [
+            Column(f"{name}.{port.name}", port.type, port.unit_name, port.description)
+            for name, part in self.parts.items()
+            for port in part.outputs
+        ]
+
+
+def part_seed(seed: int, name: str) -> int:
+    """Seed of one part's randomness: follows from the scenario's seed and the part's name alone."""
+    return int(np.random.SeedSequence([seed, *name.encode()]).generate_state(1)[0])
+
+
+def matching(columns: Sequence[str], patterns: str | Sequence[str]) -> tuple[str, ...]:
+    """Columns that fit patterns (`*`, `?`), in the order of the patterns, then of the columns."""
+    wanted = [patterns] if isinstance(patterns, str) else patterns
+    # Brackets belong to names, as in `w[1]`; for fnmatch they would be a set of characters.
+    wanted = [pattern.replace("[", "[[]") for pattern in wanted]
+    return tuple(name for pattern in wanted for name in columns if fnmatchcase(name, pattern))
+
+
+def assemble(
+    scenario: Scenario,
+    motion: Path | None = None,
+    progress: Callable[[str], None] = lambda _: None,
+) -> System:
+    """Build what is missing, make the parts, wire them.
+
+    Args:
+        scenario: checked scenario.
+        motion: recording for the one part that takes one.
+        progress: told in a few words what is being done.
+
+    Raises:
+        ProblemsError: everything that is wrong with parts, or with wires, or with signals.
+        SteadytipError: a model does not build, or no single part takes the recording.
+    """
+    where = scenario.name
+    made = _make(scenario, progress)
+    motions = {name: table.motion for name, table in scenario.parts.items() if table.motion}
+    if motion is not None:
+        motions[_moved_part(made)] = motion
+    parts: dict[str, Part] = {}
+    wires = list(scenario.wires)
+    for name, part in made.items():
+        if name in motions:
+            companion = f"{name}.motion"
+            parts[companion] = ReplayPart(companion, {"replay": str(motions[name])}, seed=0)
+            _check_takes_motion(name, part)
+            wires.append(Wire(f"{companion}.recorded*", f"{name}.recorded*"))
+        parts[name] = part
+    wiring = connect(where, parts, wires)
+    seconds, notes = _duration(scenario, parts)
+    columns = [f"{name}.{port.name}" for name, part in parts.items() for port in part.outputs]
+    return System(
+        scenario=scenario,
+        parts=parts,
+        wiring=wiring,
+        step_limits={name: scenario.parts[_owner(name, scenario)].step_limit for name in parts},
+        roles=_roles(where, scenario.signals, columns),
+        motions=motions,
+        steps=max(1, int(seconds / scenario.step + 1e-6)),
+        notes=(*notes, *wiring.notes),
+    )
+
+
+def _owner(name: str, scenario: Scenario) -> str:
+    """Part that a recording moves; any other part's own name."""
+    return name if name in scenario.parts else name.rpartition(".")[0]
+
+
+def _make(scenario: Scenario, progress: Callable[[str], None]) -> dict[str, Part]:
+    known = kinds()
+    classes = {kind: known[kind].load() for kind in {t.kind for t in scenario.parts.values()}}
+    settings: dict[str, Settings] = {}
+    for kind, part_class in classes.items():
+        tables = {n: t.settings for n, t in scenario.parts.items() if t.kind == kind}
+        settings |= part_class.prepare(tables, progress)
+    parts: dict[str, Part] = {}
+    problems: list[str] = []
+    for name, table in scenario.parts.items():
+        try:
+            parts[name] = classes[table.kind](name, settings[name], part_seed(scenario.seed, name))
+        except ProblemsError as error:
+            problems += [f"{error.where}: {problem}" for problem in error.problems]
+        except SteadytipError as error:
+            problems.append(f"part '{name}': {error}")
+    if problems:
+        raise ProblemsError(scenario.name, problems)
+    return parts
+
+
+def _moved_part(parts: Mapping[str, Part]) -> str:
+    taking = [name for name, part in parts.items() if not _lacking(part)]
+    if len(taking) == 1:
+        return taking[0]
+    wanted = ", ".join(port.name for port in MOTION_PORTS)
+    raise SteadytipError(
+        f"a recording needs one part with the inputs {wanted}; "
+        + (
+            f"here {', '.join(taking)} have them: write 'motion' into the part that is meant"
+            if taking
+            else f"none of {', '.join(parts)} has them"
+        )
+    )
+
+
+def _lacking(part: Part) -> list[str]:
+    inputs = {port.name for port in part.inputs}
+    return [port.name for port in MOTION_PORTS if port.name not in inputs]
+
+
+def _check_takes_motion(name: str, part: Part) -> None:
+    lacking = _lacking(part)
+    if lacking:
+        raise SteadytipError(
+            f"part '{name}' cannot be moved by a recording: it has no input {', '.join(lacking)}"
+        )
+
+
+def _duration(scenario: Scenario, parts: Mapping[str, Part]) -> tuple[float, list[str]]:
+    notes: list[str] = []
+    shortest = min(parts.values(), key=lambda part: part.seconds)
+    seconds = min(scenario.seconds, shortest.seconds)
+    if seconds < scenario.seconds:
+        notes.append(
+            f"the run is {seconds:g} s long instead of {scenario.seconds:g} s: "
+            f"'{shortest.name}' has no more"
+        )
+    if seconds - scenario.settle < SHORTEST:
+        notes.append(
+            f"no figures of merit: 'settle' = {scenario.settle:g} s leaves less than "
+            f"{SHORTEST:g} s of {seconds:g} s"
+        )
+    return seconds, notes
+
+
+def _roles(where: str, signals: Signals, columns: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    roles: dict[str, tuple[str, ...]] = {}
+    problems: list[str] = []
+    for role, patterns in signals:
+        if patterns is None:
+            continue
+        names = matching(columns, patterns)
+        wanted = _COUNTS.get(role)
+        if not names:
+            problems.append(
+                f"signals.{role} = {patterns!r}: no output fits; {nearest(str(patterns), columns)}"
+            )
+        elif wanted is not None and len(names) != wanted:
+            problems.append(
+                f"signals.{role} = {patterns!r} has to name {wanted} outputs, "
+                f"it names {len(names)}: {', '.join(names)}"
+            )
+        else:
+            roles[role] = names
+    if problems:
+        raise ProblemsError(where, problems)
+    return roles
