@@ -54,7 +54,7 @@ class Hysteresis(Parameters):
         None,
         "w, weights of the plays",
         shape=PLAYS,
-        start=(0.4716, 0.1621, 0.1231, 0.0762, 0.106, 0.0751, 0.1103, 0.1233, 0.1124, 0.0312),
+        start=(0.4106, 0.1532, 0.1365, 0.0718, 0.1175, 0.0672, 0.1262, 0.1261, 0.122, 0.049),
         min=-10.0,
         max=10.0,
     )
@@ -70,7 +70,7 @@ class Hysteresis(Parameters):
         "m/V",
         "s, weights of the dead zones",
         shape=DEAD_ZONES,
-        start=(NOMINAL, -4.4e-9, -2e-10, -1.01e-8),
+        start=(NOMINAL, -2.4e-9, -2.5e-9, -1.1e-8),
         min=-1e-5,
         max=1e-5,
     )

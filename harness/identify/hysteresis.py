@@ -75,7 +75,7 @@ def identify_hysteresis(volts: np.ndarray, stroke: np.ndarray) -> HysteresisFit:
         SteadytipError: arrays that do not match, are not finite, hold too few reversals, or run
             against each other.
     """
-    volts, stroke = _checked(volts, stroke)
+    volts, stroke = checked(volts, stroke)
     fixed = Hysteresis.unpack(Hysteresis.starts())
     thresholds, dead_zones = fixed.thresholds, fixed.dead_zones
     plays = _plays(volts)
@@ -116,7 +116,17 @@ def identify_hysteresis(volts: np.ndarray, stroke: np.ndarray) -> HysteresisFit:
     )
 
 
-def _checked(volts: np.ndarray, stroke: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def checked(volts: np.ndarray, stroke: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """A recording that something can be identified from.
+
+    Args:
+        volts: voltage, (N,) [V].
+        stroke: displacement, (N,) [m].
+
+    Raises:
+        SteadytipError: arrays that do not match, are not finite, hold too few reversals, or run
+            against each other.
+    """
     volts, stroke = np.asarray(volts, dtype=float), np.asarray(stroke, dtype=float)
     if volts.ndim != 1 or volts.shape != stroke.shape:
         raise SteadytipError(

@@ -60,22 +60,22 @@ def test_shipped_weights_are_what_the_identification_gives(fit):
 
 
 def test_inverse_tracks_the_sine_of_the_thesis():
-    """12.5 um p-p at 10 Hz, sensor noise included: A04 Table 7.1 without a model has 1.19 um."""
+    """12.5 um p-p at 10 Hz, sensor noise included: A04 Table 7.1 has 0.14 um, 1.19 um without."""
     error = _tracking_error(6.25e-6, 10.0)
     error = error + _noise(len(error), seed=10)
-    assert np.std(error) < 0.1e-6
+    assert np.std(error) < 0.14e-6
 
 
 def test_inverse_tracks_from_1_to_19_hz():
-    """Mean over Table 7.1's frequencies; creep at the low end and rate at the high end remain."""
+    """Mean over Table 7.1's frequencies (there 0.23 um); what depends on the rate remains."""
     errors = [np.std(_tracking_error(6.25e-6, f)) for f in (1, 4, 7, 10, 13, 16, 19)]
-    assert np.mean(errors) < 0.07e-6
+    assert np.mean(errors) < 0.13e-6
 
 
 def test_small_strokes_come_out_with_the_right_size():
     """A lateral tremor of 50 um p-p takes some 0.7 um of stroke, far from the loops' full size."""
     error = _tracking_error(0.35e-6, 10.0)
-    assert np.std(error) < 0.06 * 0.35e-6
+    assert np.std(error) < 0.07 * 0.35e-6
 
 
 def test_known_operator_is_found_again():

