@@ -15,6 +15,8 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from harness.identify.cli import app as identify
+from harness.reproduce.cli import reproduce
 from harness.ssp.cli import app as ssp
 
 app = typer.Typer(
@@ -24,6 +26,8 @@ app = typer.Typer(
     pretty_exceptions_enable=False,
 )
 app.add_typer(ssp, name="ssp")
+app.add_typer(identify, name="identify")
+app.command()(reproduce)
 _console = Console()
 _errors = Console(stderr=True)
 

@@ -6,14 +6,10 @@ import json
 from pathlib import Path
 from typing import Any
 
-from jinja2 import Environment, PackageLoader
-from markupsafe import Markup
-from plotly.offline import get_plotlyjs
-
 from harness.display import shown
 from harness.metrics import motion_of
-from harness.record import replacing
 from harness.report.figures import figures
+from harness.report.page import rendered, write_page
 from harness.result import Result
 
 __all__ = ["write_report"]
@@ -26,16 +22,7 @@ _VERDICT = {
 
 def write_report(result: Result) -> Path:
     """Write `report.html` beside the record; whatever the run has no signals for is left out."""
-    environment = Environment(
-        loader=PackageLoader("harness", "report"),
-        autoescape=True,
-        trim_blocks=True,
-        lstrip_blocks=True,
-    )
-    page = environment.get_template("report.html.j2").render(**_content(result))
-    with replacing(result.report) as part:
-        part.write_text(page, encoding="utf-8")
-    return result.report
+    return write_page(result.report, "report.html.j2", **_content(result))
 
 
 def _start_values(part: dict[str, Any]) -> str:
@@ -52,8 +39,11 @@ def _content(result: Result) -> dict[str, Any]:
         figures(result.time, motion_of(result), result.role("stroke"), delays) if ticks > 1 else ()
     )
     metrics = result.metrics
+    recording = ", ".join(facts["motions"].values()) or "none"
+    simulated = f"{ticks * facts['step']:g} s in {ticks} steps of {facts['step']:g} s"
     return {
         "title": facts["title"],
+        "subtitle": f"{facts['scenario']}, recording: {recording}, {simulated}",
         "error": result.error,
         "notes": facts["notes"],
         "verdict": [
@@ -61,28 +51,15 @@ def _content(result: Result) -> dict[str, Any]:
             for name, text in _VERDICT.items()
             if name in metrics
         ],
-        "figures": [
-            {
-                "title": figure.title,
-                "caption": figure.caption,
-                "html": Markup(
-                    figure.plot.to_html(
-                        full_html=False,
-                        include_plotlyjs=False,
-                        config={"displaylogo": False, "responsive": True},
-                    )
-                ),
-            }
-            for figure in drawn
-        ],
+        "plots": rendered(drawn),
         "metrics": [
             (name, *shown(metric.value, metric.unit), metric.definition)
             for name, metric in metrics.items()
         ],
         "run": {
             "scenario": facts["scenario"],
-            "recording": ", ".join(facts["motions"].values()) or "none",
-            "simulated": f"{ticks * facts['step']:g} s in {ticks} steps of {facts['step']:g} s",
+            "recording": recording,
+            "simulated": simulated,
             "wall time": f"{facts['wall']:.2f} s",
             "left out at the start": f"{facts['settle']:g} s",
             "seed": facts["seed"],
@@ -97,6 +74,4 @@ def _content(result: Result) -> dict[str, Any]:
         "texts": facts["texts"],
         "overrides": facts["overrides"],
         "undriven": facts["undriven"],
-        # The script is the library's own file; it holds no `</script`.
-        "plotly": Markup(get_plotlyjs()),
     }

@@ -1,0 +1,1 @@
+"""What can be identified: one module with a function `command` for each kind."""
