@@ -1,22 +1,33 @@
 """Tremor canceller: estimated tip motion in, piezo voltages out (A04 8.2.2).
 
     tremor    y_W = WflcFlc(tip displacement), a horizon ahead              A04 5.2.1
-    demand    d_0 = rise d_rest - engagement R(q_WB)^T y_W                  frame 0 parallel to B
-    strokes   lambda = inverse kinematics(d_0), within the stacks' range    A04 6.3
+    demand    d_0 = d_rest - engagement R(q_WB)^T y_W                       frame 0 parallel to B
+    strokes   lambda = inverse kinematics(d_0), the nearest that is in reach   A04 6.3
+              lambda <- lambda_0 + rise (lambda - lambda_0)
     voltages  v_i = inverse hysteresis_i(lambda_i), within the amplifier's  A04 7.2.4
 
-Stacks push only, so the tip rests where all strokes are half their range, and has as far to go
-either way. `rise` brings it there from no voltage, within `rise_time` from the first sample.
-`engagement` fades the correction in within `fade_time` once the stacks have risen and the motion is
-valid; when it is not, it fades the correction, which the tone model carries on meanwhile, out to
-rest. Both follow s(p) = 3 p^2 - 2 p^3 of a progress p that runs from 0 to 1, so that nothing jumps.
+`operator` chooses what is inverted: 1, the modified Prandtl-Ishlinskii operator (A04 7.2); 2, the
+rate-dependent one (A04 7.3); 3, modulated stops with creep and lag, the most exact. The first two
+have the parameters `stack_1` to `stack_3`, where the first leaves the dependence on the rate out;
+the third has `stops_1` to `stops_3`.
 
-Limits: each stroke is limited by itself, then each voltage by itself; `saturated` tells of either.
-The memory of the hysteresis follows the voltage really sent.
+Stacks push only, so the tip rests where all strokes are half their range, and has as far to go
+either way. `rise` brings it there within `rise_time` from the first sample, from the strokes
+lambda_0 that belong to `initial_volts`, which the stacks have reached from 0 V and been at for
+long. `engagement` fades the correction in within `fade_time` once the stacks have risen and the
+motion is valid; when it is not, or on `hold`, it fades the correction, which the tone model carries
+on meanwhile, out to rest. Both follow s(p) = 3 p^2 - 2 p^3 of a progress p that runs from 0 to 1,
+so that nothing jumps.
+
+Limits: the tip goes to the nearest place in reach, then each voltage is limited by itself;
+`saturated` tells of either. The memory of the hysteresis follows the voltage really sent. Faster
+than the rate at which a rate-dependent operator ceases to have an inverse its slopes stay what they
+are at it, and `singular` tells.
 
 The horizon makes up for what lies between a tip and the correction of it: the command computed
-from one sample is held until the next one, where its effect is seen, and the stack lags. The
-filter's wash-out is that of the estimator whose displacement comes in; 0 for a true position.
+from one sample is held until the next one, where its effect is seen. How far a stack lags behind is
+in the operator 3; for the others `stack_delay` is added. The filter's wash-out is that of the
+estimator whose displacement comes in; 0 for a true position.
 
 | symbol | field | meaning |
 | --- | --- | --- |
@@ -25,6 +36,7 @@ filter's wash-out is that of the estimator whose displacement comes in; 0 for a 
 | d_rest | rest | tip at half stroke less tip at zero stroke |
 | rise, engagement | rise, engagement | progress p of each, 0 to 1 |
 | lambda_i, v_i | volts | stroke and voltage of stack i |
+| lambda_0 | initial_strokes | strokes before the first sample |
 """
 
 from typing import Any
@@ -40,42 +52,81 @@ from fmu_src.kit import (
     Parameters,
     State,
     boolean,
+    integer,
     real,
     rotations,
 )
 from fmu_src.manipulator import parallel_3dof
-from fmu_src.piezo import inverse_prandtl_ishlinskii as inverse_hysteresis
-from fmu_src.piezo import prandtl_ishlinskii as hysteresis
+from fmu_src.piezo import inverse_modulated_stops as inverse_stops
+from fmu_src.piezo import inverse_rate_dependent as inverse_plays
+from fmu_src.piezo import modulated_stops as stops
+from fmu_src.piezo import prandtl_ishlinskii as plays
+from fmu_src.piezo import rate_dependent
+from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
 from fmu_src.tremor import wflc_flc
 
 SAMPLE_PERIOD = 1e-3
 STACK_DELAY = 0.3e-3
-"""Of a stack behind the stroke asked for [s]: measured, 0.1 ms at 3 um and 0.6 ms at 0.35 um."""
+"""Of a stack behind the stroke asked for, where the operator does not hold it [s]: measured, 0.1 ms
+at 3 um and 0.6 ms at 0.35 um."""
 ESTIMATOR_STARTS = {scalar.name: scalar.start for scalar in micron.Params.scalars()}
+PLAIN, RATE_DEPENDENT, STOPS = 1, 2, 3
+"""Choices of the operator."""
 
 
 class Params(Parameters):
     """Tremor filter, mechanism, stacks, and how it starts."""
 
     filter: Any = wflc_flc.WflcFlcParams.starting(
-        horizon=SAMPLE_PERIOD + STACK_DELAY, wash_out=ESTIMATOR_STARTS["washout"]
+        horizon=SAMPLE_PERIOD, wash_out=ESTIMATOR_STARTS["washout"]
     )
     mechanism: Any = parallel_3dof.Geometry
-    stack_1: Any = hysteresis.Hysteresis
-    stack_2: Any = hysteresis.Hysteresis
-    stack_3: Any = hysteresis.Hysteresis
-    amplifier: Any = inverse_hysteresis.Range
-    rise_time = real("s", "from no voltage to rest", start=0.5, min=0.01, max=60.0)
+    operator = integer(
+        "what is inverted: 1 Prandtl-Ishlinskii, 2 the rate-dependent one, 3 modulated stops",
+        start=STOPS,
+        min=PLAIN,
+        max=STOPS,
+    )
+    stack_1: Any = rate_dependent.RateDependence
+    stack_2: Any = rate_dependent.RateDependence
+    stack_3: Any = rate_dependent.RateDependence
+    stops_1: Any = stops.Stops
+    stops_2: Any = stops.Stops
+    stops_3: Any = stops.Stops
+    stack_delay = real(
+        "s", "lag of the stacks that operators 1 and 2 lack", start=STACK_DELAY, min=0.0, max=0.01
+    )
+    amplifier: Any = Range
+    initial_volts = real(
+        "V", "voltages of the stacks before the first sample", shape=3, min=-200.0, max=200.0
+    )
+    rise_time = real("s", "from there to rest", start=0.5, min=0.01, max=60.0)
     fade_time = real("s", "correction from none to full and back", start=0.5, min=0.01, max=60.0)
 
 
+class Memory(State):
+    """What the stacks remember, by the operators that may be chosen."""
+
+    plays_1 = real("V", "H of stack 1", shape=plays.PLAYS)
+    plays_2 = real("V", "H of stack 2", shape=plays.PLAYS)
+    plays_3 = real("V", "H of stack 3", shape=plays.PLAYS)
+    stops_1: Any = stops.Memory
+    stops_2: Any = stops.Memory
+    stops_3: Any = stops.Memory
+    strokes = real("m", "strokes of the sample before", shape=3)
+
+
 class Precomputed(Derived):
-    """Inverses of the stacks, and the rest position."""
+    """Operators, the rest position, and where the stacks are before the first sample."""
 
     rest = real("m", "d_rest, tip at half stroke less tip at zero stroke, frame 0", shape=3)
-    inverse_1: Any = inverse_hysteresis.Inverse
-    inverse_2: Any = inverse_hysteresis.Inverse
-    inverse_3: Any = inverse_hysteresis.Inverse
+    limits_1: Any = rate_dependent.Limits
+    limits_2: Any = rate_dependent.Limits
+    limits_3: Any = rate_dependent.Limits
+    constants_1: Any = stops.Constants
+    constants_2: Any = stops.Constants
+    constants_3: Any = stops.Constants
+    initial_strokes = real("m", "lambda_0, strokes before the first sample", shape=3)
 
 
 class In(Inputs):
@@ -94,15 +145,15 @@ class In(Inputs):
         max=1.001,
     )
     valid = boolean("whether the motion can be trusted", start=True)
+    hold = boolean("whether the tip shall go to rest and stay there", start=False)
 
 
 class X(State):
     """Memories of the parts, and progress of start and correction."""
 
     filter: Any = wflc_flc.WflcFlcState
-    plays_1 = real("V", "H of stack 1", shape=hysteresis.PLAYS)
-    plays_2 = real("V", "H of stack 2", shape=hysteresis.PLAYS)
-    plays_3 = real("V", "H of stack 3", shape=hysteresis.PLAYS)
+    stacks: Any = Memory
+    started = boolean("whether there has been a sample")
     rise = real(None, "progress of the start", min=0.0, max=1.0)
     engagement = real(None, "progress of the correction", min=0.0, max=1.0)
 
@@ -113,19 +164,51 @@ class Out(Outputs):
     volts = real("V", "v, voltages of the stacks", shape=3)
     tremor = real("m", "y_W, tremor of the tip, frame W", shape=3, axes="xyz")
     frequency = real("Hz", "its frequency along each axis", shape=3, axes="xyz")
-    saturated = boolean("whether a stroke or a voltage had to be limited")
+    engagement = real(None, "share of the correction that acts, 0 to 1")
+    saturated = boolean("whether the tip or a voltage had to be limited")
+    singular = boolean("whether a stack is to move faster than its operator can be inverted")
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """Inverses of the stacks, and the rest position."""
+    """Operators, the rest position, and where the stacks are before the first sample."""
     half = p.mechanism.longest_stroke / 2
     lift = parallel_3dof.height(p.mechanism, half) - parallel_3dof.height(p.mechanism, 0.0)
-    return Precomputed(
-        rest=ca.vertcat(0.0, 0.0, lift),
-        inverse_1=inverse_hysteresis.invert(p.stack_1),
-        inverse_2=inverse_hysteresis.invert(p.stack_2),
-        inverse_3=inverse_hysteresis.invert(p.stack_3),
-    )
+    values: dict[str, Any] = {"rest": ca.vertcat(0.0, 0.0, lift)}
+    begun, strokes = initial_memory(p, ca.SX.zeros(3)), []
+    for number, played, stopped in _stacks(p):
+        values[f"limits_{number}"] = limits = rate_dependent.derive(played, T)
+        values[f"constants_{number}"] = constants = stops.derive(stopped, T)
+        still, _ = rate_dependent.at_rate(_chosen(p, played), limits, 0.0)
+        given = plays.respond(still, getattr(begun, f"plays_{number}"))
+        volts = stops.In(volts=p.initial_volts[number - 1])
+        _, out = stops.step(stopped, volts, getattr(begun, f"stops_{number}"), T, constants)
+        strokes.append(ca.if_else(p.operator == STOPS, out.stroke, given))
+    return Precomputed(initial_strokes=ca.vertcat(*strokes), **values)
+
+
+def _stacks(p: Params) -> list[tuple[int, rate_dependent.RateDependence, stops.Stops]]:
+    """Number of each stack, and its two operators."""
+    return [(1, p.stack_1, p.stops_1), (2, p.stack_2, p.stops_2), (3, p.stack_3, p.stops_3)]
+
+
+def _chosen(p: Params, stack: rate_dependent.RateDependence) -> rate_dependent.RateDependence:
+    """Operator of plays, without its dependence on the rate where that is not chosen."""
+    return stack.replace(rate_slopes=stack.rate_slopes * (p.operator == RATE_DEPENDENT))
+
+
+def initial_memory(p: Params, strokes: Any) -> Memory:
+    """What the stacks remember before the first sample.
+
+    Args:
+        p: parameters.
+        strokes: lambda_0, (3,) [m].
+    """
+    values: dict[str, Any] = {"strokes": strokes}
+    for number, played, stopped in _stacks(p):
+        volts = p.initial_volts[number - 1]
+        values[f"plays_{number}"] = plays.remember(played, volts, ca.SX.zeros(plays.PLAYS))
+        values[f"stops_{number}"] = stops.resting(stopped, volts)
+    return Memory(**values)
 
 
 def smooth(progress: Any) -> ca.SX:
@@ -133,47 +216,81 @@ def smooth(progress: Any) -> ca.SX:
     return progress**2 * (3 - 2 * progress)
 
 
+def drive(
+    p: Params, derived: Precomputed, strokes: Any, x: Memory, T: float
+) -> tuple[Memory, ca.SX, ca.SX, ca.SX]:
+    """Voltages that give strokes, by the operator that is chosen.
+
+    Args:
+        p: parameters.
+        derived: what follows from them.
+        strokes: lambda, (3,) [m].
+        x: what the stacks remember.
+        T: sample period [s].
+
+    Returns:
+        What they remember then, voltages, (3,) [V], whether one had to be limited, and whether a
+        stack is to move faster than its operator can be inverted.
+    """
+    values: dict[str, Any] = {}
+    volts, limited, singular = [], [], []
+    by_stops = p.operator == STOPS
+    for number, played, stopped in _stacks(p):
+        place = number - 1
+        stroke, rate = strokes[place], (strokes[place] - x.strokes[place]) / T
+        v_p, limited_p, memory_p, singular_p = inverse_plays.drive(
+            _chosen(p, played),
+            getattr(derived, f"limits_{number}"),
+            p.amplifier,
+            stroke,
+            rate,
+            getattr(x, f"plays_{number}"),
+        )
+        v_s, limited_s, memory_s = inverse_stops.drive(
+            stopped,
+            getattr(derived, f"constants_{number}"),
+            p.amplifier,
+            stroke,
+            getattr(x, f"stops_{number}"),
+        )
+        values[f"plays_{number}"], values[f"stops_{number}"] = memory_p, memory_s
+        volts.append(ca.if_else(by_stops, v_s, v_p))
+        limited.append(ca.if_else(by_stops, limited_s, limited_p))
+        singular.append(ca.logic_and(p.operator == RATE_DEPENDENT, singular_p))
+    following = Memory(strokes=strokes, **values)
+    any_limited, any_singular = (ca.mmax(ca.vertcat(*flags)) for flags in (limited, singular))
+    return following, ca.vertcat(*volts), any_limited, any_singular
+
+
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
     """One sample."""
-    filtered, found = wflc_flc.estimate(p.filter, u.tip_displacement, u.valid, x.filter, T)
+    lag = ca.if_else(p.operator == STOPS, 0.0, p.stack_delay)
+    ahead = p.filter.replace(horizon=p.filter.horizon + lag)
+    filtered, found = wflc_flc.estimate(ahead, u.tip_displacement, u.valid, x.filter, T)
 
     rise = ca.fmin(x.rise + T / p.rise_time, 1.0)
-    towards = ca.if_else(ca.logic_and(u.valid, rise >= 1), 1.0, -1.0)
+    wanted = ca.logic_and(ca.logic_and(u.valid, ca.logic_not(u.hold)), rise >= 1)
+    towards = ca.if_else(wanted, 1.0, -1.0)
     engagement = ca.fmin(ca.fmax(x.engagement + towards * T / p.fade_time, 0.0), 1.0)
     correction = -rotations.matrix(u.attitude).T @ found.tremor
-    demand = smooth(rise) * derived.rest + smooth(engagement) * correction
+    demand = derived.rest + smooth(engagement) * correction
 
     strokes, reachable = parallel_3dof.limited(
         p.mechanism, parallel_3dof.inverse(p.mechanism, demand)
     )
-    stacks = zip(
-        (p.stack_1, p.stack_2, p.stack_3),
-        (derived.inverse_1, derived.inverse_2, derived.inverse_3),
-        ca.vertsplit(strokes),
-        (x.plays_1, x.plays_2, x.plays_3),
-        strict=True,
-    )
-    volts, limited, plays = zip(
-        *(
-            inverse_hysteresis.drive(stack, inverse, p.amplifier, stroke, memory)
-            for stack, inverse, stroke, memory in stacks
-        ),
-        strict=True,
-    )
-    saturated = ca.logic_or(ca.logic_not(reachable), ca.mmax(ca.vertcat(*limited)))
-    following = X(
-        filter=filtered,
-        plays_1=plays[0],
-        plays_2=plays[1],
-        plays_3=plays[2],
-        rise=rise,
-        engagement=engagement,
-    )
+    initial = derived.initial_strokes
+    strokes = initial + smooth(rise) * (strokes - initial)
+    begun = initial_memory(p, initial).pack()
+    memory = Memory.unpack(ca.if_else(x.started, x.stacks.pack(), begun))
+    stacks, volts, limited, singular = drive(p, derived, strokes, memory, T)
+    following = X(filter=filtered, stacks=stacks, started=1.0, rise=rise, engagement=engagement)
     return following, Out(
-        volts=ca.vertcat(*volts),
+        volts=volts,
         tremor=found.tremor,
         frequency=found.frequency,
-        saturated=saturated,
+        engagement=smooth(engagement),
+        saturated=ca.logic_or(ca.logic_not(reachable), limited),
+        singular=singular,
     )
 
 

@@ -25,8 +25,23 @@ it from e = 0 leave nothing but rounding. What remains is explicit:
     L_i = |P_1 + R_01 b_i - p_i|,   lambda_i = (L_i - L_0) / k
 
 A04 relates the stack to the height of the ball joint (6.49 to 6.51); here it is the leg's length,
-which differs by less than 0.1 nm over the workspace. A demand that asks for strokes outside the
-stacks' range gets the nearest stroke of each stack, and is flagged.
+which differs by less than 0.1 nm over the workspace.
+
+A demand that asks for strokes outside 0 .. lambda_max is flagged, and gets the nearest place that
+the tip can reach. Strokes that change by u move the tip, linearised at zero stroke, by
+
+    |delta d|^2 = (k L_0 / z_0)^2 [2/3 q |u|^2 + (1 - 2 q) / 9 (u_1 + u_2 + u_3)^2],   q = (l / r)^2
+
+of which the mean of u goes along the axis and the rest sideways. Among the strokes in range it is
+least (where its gradient is zero or pushes against a limit) for
+
+    lambda'_i = min(max(lambda_i + mu, 0), lambda_max)
+    mu = c sum_i (lambda'_i - lambda_i),   c = 1/3 - 1 / (6 q)
+
+one shift of all strokes, which gives up some of the axial part to keep the lateral one. With m
+strokes free, the right side less mu changes by c m - 1 < 0 of what mu does: there is one root, on a
+line that bends only where a stroke meets a limit. The nearest two of these six places enclose the
+root, and one step of Newton's method from halfway between them is exact.
 
 The frame 0 is parallel to the body frame B, x_0 through leg 1; displacements count from the tip at
 zero stroke, and longer legs push the tip to +z.
@@ -35,6 +50,7 @@ zero stroke, and longer legs push the tip to +z.
 | --- | --- | --- |
 | d | displacement | tip less tip at zero stroke, in frame 0 |
 | lambda_i | strokes | strokes of the stacks |
+| lambda_max | longest_stroke | their range starts at 0 |
 | R, r | base_radius, platform_radius | pins from z_0, ball joints from z_1 |
 | l | shaft_length | platform centre to tip |
 | L_0 | leg_length | legs at zero stroke |
@@ -58,6 +74,10 @@ ITERATIONS = 6
 LARGEST_LATERAL = 0.25
 """Lateral demand, in shaft lengths, to which a longer one is shortened so that it has a tilt.
 Twenty times the reach, hence of no effect but on demands that are limited anyway."""
+NEWTON_STEPS = 4
+"""Of the forward solution, from a level platform; for stacks of six times the stroke."""
+LARGEST_TILT = 0.5
+"""|e| to which the forward solution is kept, so that there is one for any strokes; 60 deg."""
 ROUNDING = 1e-13
 """Stroke beyond the range that does not count as such [m]."""
 
@@ -174,10 +194,11 @@ def inverse(p: Geometry, displacement: Any) -> ca.SX:
     return (lengths - p.leg_length) / p.lever_gain
 
 
-def forward(p: Geometry, strokes: Any) -> ca.SX:
-    """Where strokes bring the tip: d, (3,) [m], by Newton's method on the legs' lengths.
+def settle(p: Geometry, strokes: Any) -> ca.SX:
+    """Tilt e_x, e_y and height z_c [m] of the platform at some strokes, (3,).
 
-    For the workspace and for checks; the controller does not need it.
+    Newton's method on the legs' lengths. Where no platform fits on legs so unequal, what comes out
+    is finite, and no more.
 
     Args:
         p: dimensions.
@@ -186,31 +207,72 @@ def forward(p: Geometry, strokes: Any) -> ca.SX:
     unknown = ca.SX.sym("unknown", 3)
     wanted = ca.SX.sym("wanted", 3)
     dimensions = ca.SX.sym("dimensions", p.size())
-    lengths, tip = pose(Geometry.unpack(dimensions), unknown[:2], unknown[2])
+    lengths, _ = pose(Geometry.unpack(dimensions), unknown[:2], unknown[2])
     residual = lengths - wanted
-    correction = ca.solve(ca.jacobian(residual, unknown), residual)
-    newton = ca.Function("newton", [unknown, wanted, dimensions], [unknown - correction])
-    place = ca.Function("place", [unknown, dimensions], [tip])
+    better = unknown - ca.solve(ca.jacobian(residual, unknown), residual)
+    better[:2] *= LARGEST_TILT / ca.sqrt(ca.fmax(ca.sumsqr(better[:2]), LARGEST_TILT**2))
+    newton = ca.Function("newton", [unknown, wanted, dimensions], [better])
 
     now = ca.vertcat(0.0, 0.0, height(p, ca.sum1(strokes) / 3))
-    for _ in range(ITERATIONS):
+    for _ in range(NEWTON_STEPS):
         now = newton(now, p.leg_length + p.lever_gain * strokes, p.pack())
-    rest = ca.vertcat(0.0, 0.0, height(p, 0.0) + p.shaft_length)
-    return place(now, p.pack()) - rest
+    return now
+
+
+def tip_displacement(p: Geometry, settled: Any) -> ca.SX:
+    """Tip of a settled platform less tip at zero stroke, d, in frame 0, (3,) [m].
+
+    Args:
+        p: dimensions.
+        settled: e_x, e_y, z_c as from `settle`, (3,).
+    """
+    _, tip = pose(p, settled[:2], settled[2])
+    return tip - ca.vertcat(0.0, 0.0, height(p, 0.0) + p.shaft_length)
+
+
+def forward(p: Geometry, strokes: Any) -> ca.SX:
+    """Where strokes bring the tip: d, in frame 0, (3,) [m].
+
+    Args:
+        p: dimensions.
+        strokes: lambda, (3,) [m].
+    """
+    return tip_displacement(p, settle(p, strokes))
 
 
 def limited(p: Geometry, strokes: Any) -> tuple[ca.SX, ca.SX]:
-    """Strokes within the stacks' range, each limited by itself, and whether none had to be.
+    """Strokes in range that bring the tip nearest to where others would, and whether those were.
 
     Args:
         p: dimensions.
         strokes: lambda, (3,) [m].
 
     Returns:
-        Strokes, (3,) [m], and 1 or 0.
+        Strokes, (3,) [m], and 1 or 0; the very strokes given, but for ROUNDING, where it is 1.
     """
-    within = ca.fmin(ca.fmax(strokes, 0.0), p.longest_stroke)
-    return within, ca.mmax(ca.fabs(strokes - within)) <= ROUNDING
+    c = 1 / 3 - (p.platform_radius / p.shaft_length) ** 2 / 6
+    total = ca.sum1(strokes)
+
+    def clip(mu: Any) -> Any:
+        return ca.fmin(ca.fmax(strokes + mu, 0.0), p.longest_stroke)
+
+    def excess(mu: Any) -> Any:
+        return c * (ca.sum1(clip(mu)) - total) - mu
+
+    # From the root with all strokes at 0 to that with all at lambda_max.
+    low, high = -c * total, c * (3 * p.longest_stroke - total)
+    for limit in (0.0, p.longest_stroke):
+        for stroke in ca.vertsplit(strokes):
+            meeting = limit - stroke
+            beneath = excess(meeting) > 0
+            low = ca.if_else(beneath, ca.fmax(low, meeting), low)
+            high = ca.if_else(beneath, high, ca.fmin(high, meeting))
+    middle = (low + high) / 2
+    free = ca.logic_and(strokes + middle > 0, strokes + middle < p.longest_stroke)
+    mu = middle + excess(middle) / (1 - c * ca.sum1(free))
+
+    reachable = ca.mmax(ca.fabs(strokes - clip(0.0))) <= ROUNDING
+    return clip(ca.if_else(reachable, 0.0, mu)), reachable
 
 
 def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:

@@ -101,7 +101,8 @@ def outputs(model: Model, u: np.ndarray) -> np.ndarray:
     names = [scalar.name for scalar in model.variables["input"]]
     run = Runner(model).run(len(u), {name: u[:, place] for place, name in enumerate(names)})
     # Outputs are scalars or columns; a matrix would have to be stacked by columns.
-    return np.column_stack([values.reshape(len(u), -1) for values in run.values()])
+    # Ports of a matrix go by columns.
+    return np.column_stack([values.T.reshape(-1, len(u)).T for values in run.values()])
 
 
 @cache

@@ -1,13 +1,8 @@
 """Step-wise exact inverse of modulated stops: voltage that gives a stroke at the next sample.
 
-    y    = d + h d' + h (h + 1) / 2 d''                  demand, extrapolated by the horizon
     v    : z(v; memory) = y / gain                       solved exactly at every sample
+    y    = demand, a horizon h ahead                     `demand`
     z    = modulated stops                               the operator of `modulated_stops`
-
-d' and d'' are the first and second backward differences of the demand and h the horizon in
-samples: the parabola through the last three demands. What is computed from the demand of one
-instant acts until the next one, where it is measured, hence a horizon of one sample where the
-demand is of now, and 0 where it is ahead already.
 
 For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So the
 values at all break points are laid out by running sums, the two that enclose y are picked, and the
@@ -39,7 +34,7 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
-from fmu_src.piezo import modulated_stops
+from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
 from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
 
@@ -61,9 +56,7 @@ class Params(Parameters):
 
     operator: Any = Stops
     amplifier: Any = Range
-    horizon = real(
-        "s", "how far ahead of the demand to be", start=SAMPLE_PERIOD, min=0.0, max=20e-3
-    )
+    horizon = demand.horizon(SAMPLE_PERIOD)
     adaptation_time = real("s", "tau, time of the gain's adaptation; 0: none", min=0.0, max=1e4)
 
 
@@ -79,9 +72,7 @@ class X(State):
     """Memory of the stack, of the demand, and of the adaptation."""
 
     stack: Any = Memory
-    demand = real("m", "demand one sample ago")
-    demand_before = real("m", "demand two samples ago")
-    started = real(None, "samples of the demand seen, up to 2", min=0.0, max=2.0)
+    demand: Any = demand.Demand
     gain = real(None, "gain of the stack over that of the operator", start=1.0, min=0.1, max=10.0)
     demand_mean = real("m", "demand below the corner")
     measured_mean = real("m", "measured stroke below the corner")
@@ -186,21 +177,6 @@ def drive(
     return volts, ca.fabs(out.stroke - stroke) > TOLERANCE, following
 
 
-def ahead(demand: Any, before: Any, earlier: Any, started: Any, horizon: Any) -> ca.SX:
-    """Demand a horizon later, by the parabola through the last three [m].
-
-    Args:
-        demand: of now [m].
-        before: of one sample ago [m].
-        earlier: of two samples ago [m].
-        started: how many of the latter two there are.
-        horizon: in samples.
-    """
-    first = ca.if_else(started >= 1, demand - before, 0.0)
-    second = ca.if_else(started >= 2, demand - 2 * before + earlier, 0.0)
-    return demand + horizon * (first + (horizon + 1) / 2 * second)
-
-
 def derive(p: Params, T: float) -> Precomputed:
     """Constants of the operator."""
     return Precomputed(operator=modulated_stops.derive(p.operator, T))
@@ -210,24 +186,24 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     """One sample."""
     # A measured stroke belongs to the demand of the same instant; one that is ahead already, to
     # the sample before.
-    answered = ca.if_else(p.horizon > 0, u.stroke, x.demand)
+    answered = ca.if_else(p.horizon > 0, u.stroke, x.demand.before)
     share = 1 - math.exp(-2 * math.pi * CORNER * T)
     demand_mean = x.demand_mean + share * (answered - x.demand_mean)
     measured_mean = x.measured_mean + share * (u.measured - x.measured_mean)
     d, m = answered - demand_mean, u.measured - measured_mean
-    learning = ca.logic_and(ca.logic_and(p.adaptation_time > 0, u.measured_valid), x.started >= 2)
+    learning = ca.logic_and(
+        ca.logic_and(p.adaptation_time > 0, u.measured_valid), x.demand.started >= 2
+    )
     pace = ca.if_else(learning, T / ca.fmax(p.adaptation_time, T), 0.0)
     power = x.power + pace * (d**2 - x.power)
     change = pace * (m - d) * d / (power + SMALLEST_POWER)
     gain = ca.fmin(ca.fmax(x.gain * (1 + change), 1 / LARGEST_GAIN), LARGEST_GAIN)
 
-    wanted = ahead(u.stroke, x.demand, x.demand_before, x.started, p.horizon / T) / gain
-    volts, limited, stack = drive(p.operator, derived.operator, p.amplifier, wanted, x.stack)
+    wanted, _ = demand.ahead(u.stroke, x.demand, p.horizon / T)
+    volts, limited, stack = drive(p.operator, derived.operator, p.amplifier, wanted / gain, x.stack)
     following = X(
         stack=stack,
-        demand=u.stroke,
-        demand_before=x.demand,
-        started=ca.fmin(x.started + 1, 2.0),
+        demand=demand.seen(u.stroke, x.demand),
         gain=gain,
         demand_mean=demand_mean,
         measured_mean=measured_mean,

@@ -1,7 +1,8 @@
 """Inverse of the modified Prandtl-Ishlinskii operator: voltage that gives a stroke (A04 7.2.4).
 
+    y    = demand z, a horizon h ahead                                           `demand`
     H'_i = W_i H_i + sum_{j>i} w_j H_j             memory of the inverse         (7.13)
-    q    = sum s'_j S'_j(z)                        S' with thresholds d'         (7.14)
+    q    = sum s'_j S'_j(y)                        S' with thresholds d'         (7.14)
     v    = sum w'_i max(q - r'_i, min(q + r'_i, H'_i))                           (7.12)
     H_i <- max(v - r_i, min(v + r_i, H_i))         v limited to the amplifier's range
 
@@ -19,6 +20,7 @@ SMALLEST_SLOPE (the latter counted in the nominal stroke per volt), and threshol
 | v | volts | voltage, within amplifier.lowest and amplifier.highest |
 | w', r', s', d' | inverse.* | weights and thresholds of the inverse, from those of the operator |
 | W | inverse.slopes | slopes of the operator's loading curve |
+| h T | horizon | how far ahead of the demand the voltage has to be |
 | others | | as in `prandtl_ishlinskii` |
 """
 
@@ -26,13 +28,13 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, boolean, design, real
+from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, design, real
+from fmu_src.piezo.demand import Demand, ahead, horizon, seen
 from fmu_src.piezo.prandtl_ishlinskii import (
     DEAD_ZONES,
     NOMINAL,
     PLAYS,
     Hysteresis,
-    X,
     remember,
     stops,
 )
@@ -55,6 +57,7 @@ class Params(Parameters):
 
     hysteresis: Any = Hysteresis
     amplifier: Any = Range
+    horizon = horizon(0.0)
 
 
 class Inverse(Derived):
@@ -78,6 +81,13 @@ class In(Inputs):
     """What is wanted."""
 
     stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
+
+
+class X(State):
+    """Memory of the stack and of the demand."""
+
+    plays = real("V", "H, outputs of the forward operator's plays", shape=PLAYS)
+    demand: Any = Demand
 
 
 class Out(Outputs):
@@ -125,7 +135,7 @@ def _mirror(weights: Any, thresholds: Any, smallest: float) -> tuple[ca.SX, ca.S
 
 
 def drive(
-    p: Hysteresis, inverse: Inverse, amplifier: Range, stroke: Any, plays: Any
+    p: Hysteresis, inverse: Inverse, amplifier: Range, stroke: Any, plays: Any, there: Any = 0.0
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
     """Voltage that gives a stroke.
 
@@ -135,6 +145,7 @@ def drive(
         amplifier: range of the voltage.
         stroke: z [m].
         plays: H, memory of the forward operator, (PLAYS,) [V].
+        there: part of y that is there whatever the voltage [V].
 
     Returns:
         Voltage v within the range [V], whether it had to be limited, and the memory after it has
@@ -145,7 +156,7 @@ def drive(
     weights = ca.vertcat(inverse.slopes[0], inverse.slopes[1:] - inverse.slopes[:-1])
     carried = ca.cumsum((weights * plays)[::-1])[::-1]
     memory = ca.vertcat(0.0, inverse.slopes[:-1]) * plays + carried
-    q = ca.dot(inverse.saturation, stops(stroke, inverse.dead_zones))
+    q = ca.dot(inverse.saturation, stops(stroke, inverse.dead_zones)) - there
     wanted = ca.dot(
         inverse.weights,
         ca.fmax(q - inverse.thresholds, ca.fmin(q + inverse.thresholds, memory)),
@@ -161,8 +172,9 @@ def derive(p: Params, T: float) -> Precomputed:
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
     """One sample."""
-    volts, limited, plays = drive(p.hysteresis, derived.inverse, p.amplifier, u.stroke, x.plays)
-    return X(plays=plays), Out(volts=volts, limited=limited)
+    wanted, _ = ahead(u.stroke, x.demand, p.horizon / T)
+    volts, limited, plays = drive(p.hysteresis, derived.inverse, p.amplifier, wanted, x.plays)
+    return X(plays=plays, demand=seen(u.stroke, x.demand)), Out(volts=volts, limited=limited)
 
 
 MODEL = Model(

@@ -169,6 +169,12 @@ def remember(p: Stops, derived: Constants, volts: Any, x: Memory) -> Memory:
     )
 
 
+def resting(p: Stops, volts: Any) -> Memory:
+    """Memory of a stack that has gone from 0 V to a voltage and been there for long."""
+    plays = ca.fmax(volts - p.thresholds, ca.fmin(volts + p.thresholds, 0.0))
+    return Memory(plays=plays, crept=ca.repmat(volts / p.span, LAGS, 1), volts=volts)
+
+
 def creep(p: Stops, derived: Constants, x: Memory) -> ca.SX:
     """Creep at the end of a sample, which the voltage held in it does not move yet, (LAGS,)."""
     aim = x.volts / p.span

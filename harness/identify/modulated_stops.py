@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 
 from fmu_src.kit import SteadytipError, design
 from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS, SMALLEST_SLOPE, STOPS
-from harness.identify.hysteresis import checked
+from harness.identify.hysteresis import checked, known_from
 
 ORDERS = (4, 6, 8, 10, 12)
 """Numbers of stops tried."""
@@ -169,7 +169,7 @@ def identify_stops(
     times = np.asarray(CREEP_TIMES if creep_time is None else creep_time)
     a = volts / span
     smooth = _smooth(a, period, times)
-    first = _known_from(a)
+    first = known_from(volts)
     known = np.arange(len(a)) >= first
     odd = np.arange(len(a)) // BLOCK % 2 == 1
     turns = (known & odd, known & ~odd)
@@ -203,12 +203,6 @@ def identify_stops(
         first=first,
         period=period,
     )
-
-
-def _known_from(a: np.ndarray) -> int:
-    """First sample at which the whole range has been visited, which wipes out what was before."""
-    slack = 0.02 * np.ptp(a)
-    return int(max(np.argmax(a >= a.max() - slack), np.argmax(a <= a.min() + slack))) + 1
 
 
 def _thresholds(order: int, power: float) -> np.ndarray:

@@ -12,7 +12,7 @@ the rest, which validates.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -21,12 +21,12 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from scipy import signal
 
-from fmu_src.kit import Parameters, Runner, SteadytipError, range_text
+from fmu_src.kit import Model, Parameters, Runner, SteadytipError, range_text
 from fmu_src.kit.records import Field
 from fmu_src.kit.units import BASE, base_exponents
 from fmu_src.pack.build import load_model, model_names
+from fmu_src.piezo import creeping, prandtl_ishlinskii, rate_dependent
 from fmu_src.piezo import modulated_stops as stops
-from fmu_src.piezo import prandtl_ishlinskii
 from harness.errors import ProblemsError
 from harness.identify import hysteresis, modulated_stops
 from harness.identify.recording import Response, runs
@@ -86,32 +86,49 @@ class Operator:
 
     Attributes:
         title: what it is, for people.
-        record: record class that holds its parameters, with units and ranges.
-        model: FMU that computes it; where the parameters go unless another model is named.
+        model: computes it; where the parameters go unless another model is named.
         fit: makes a fit of a voltage (n,) [V], a stroke (n,) [m] and a sample period [s].
-        fewest_reversals: of the voltage.
     """
 
     title: str
-    record: type[Parameters]
-    model: str
+    model: Model
     fit: Callable[[FloatArray, FloatArray, float, Progress], Identified]
-    fewest_reversals: int
+
+    @property
+    def record(self) -> type[Parameters]:
+        """Record class that holds its parameters, with units and ranges."""
+        return self.model.parameters
 
 
-def _prandtl_ishlinskii(
-    volts: FloatArray, stroke: FloatArray, period: float, progress: Progress
-) -> Identified:
-    progress(0, 1)
-    fit = hysteresis.identify_hysteresis(volts, stroke)
-    progress(1, 1)
+def _played(
+    model: Model,
+    identify: Callable[[FloatArray, FloatArray, float], hysteresis.HysteresisFit],
+    order: str,
+    **inputs: Callable[[Mapping[str, Any], FloatArray, float], FloatArray],
+) -> Callable[[FloatArray, FloatArray, float, Progress], Identified]:
+    """A fit of an operator of plays, whose model then predicts.
 
-    def predict(volts: FloatArray) -> FloatArray:
-        model = Runner(prandtl_ishlinskii.MODEL, fit.parameters)
-        return model.run(len(volts), {"volts": volts})["stroke"]
+    Args:
+        model: of the operator.
+        identify: makes the fit.
+        order: how large the operator is, in words.
+        inputs: of the model beside the voltage, from parameters, voltage and period.
+    """
 
-    order = f"{prandtl_ishlinskii.PLAYS} plays, {prandtl_ishlinskii.DEAD_ZONES} dead zones"
-    return Identified(fit.parameters, predict, order)
+    def fit(volts: FloatArray, stroke: FloatArray, period: float, progress: Progress) -> Identified:
+        progress(0, 1)
+        found = identify(volts, stroke, period)
+        progress(1, 1)
+
+        def predict(volts: FloatArray) -> FloatArray:
+            more = {name: of(found.parameters, volts, period) for name, of in inputs.items()}
+            sampled = replace(model, sample_period=period)
+            runner = Runner(sampled, found.parameters)
+            return runner.run(len(volts), {"volts": volts, **more})["stroke"] + found.offset
+
+        return Identified(found.parameters, predict, order, first=found.first)
+
+    return fit
 
 
 def _modulated_stops(
@@ -130,20 +147,41 @@ def _modulated_stops(
     )
 
 
+_PLAYS = f"{prandtl_ishlinskii.PLAYS} plays, {prandtl_ishlinskii.DEAD_ZONES} dead zones"
+
 OPERATORS = {
-    "prandtl-ishlinskii": Operator(
-        "modified Prandtl-Ishlinskii operator (A04 7.2)",
-        prandtl_ishlinskii.Hysteresis,
-        "PrandtlIshlinskii",
-        _prandtl_ishlinskii,
-        hysteresis.FEWEST_REVERSALS,
-    ),
     "modulated-stops": Operator(
         "stop operators modulated by the voltage, with creep and lead",
-        stops.Stops,
-        "ModulatedStops",
+        stops.MODEL,
         _modulated_stops,
-        hysteresis.FEWEST_REVERSALS,
+    ),
+    "prandtl-ishlinskii": Operator(
+        "modified Prandtl-Ishlinskii operator (A04 7.2)",
+        prandtl_ishlinskii.MODEL,
+        _played(
+            prandtl_ishlinskii.MODEL,
+            lambda volts, stroke, period: hysteresis.identify_hysteresis(volts, stroke),
+            _PLAYS,
+        ),
+    ),
+    "rate-dependent": Operator(
+        "rate-dependent Prandtl-Ishlinskii operator (A04 7.3)",
+        rate_dependent.MODEL,
+        _played(
+            rate_dependent.MODEL,
+            hysteresis.identify_rate_dependence,
+            _PLAYS,
+            rate=hysteresis.stroke_rate,
+        ),
+    ),
+    "creeping": Operator(
+        "Prandtl-Ishlinskii operator with creep (Krejci and Kuhnen 2001)",
+        creeping.MODEL,
+        _played(
+            creeping.MODEL,
+            hysteresis.identify_creeping,
+            f"{_PLAYS}, {creeping.WIDTHS * creeping.LAGS} creep operators",
+        ),
     ),
 }
 """By the name that the command line has for them."""

@@ -65,6 +65,6 @@ def test_native_fmu_equals_the_recorded_function(model, start, inputs) -> None:
         instance.step()
         outputs.append(instance.outputs())
     found = np.array(outputs)
-    stacked = np.column_stack([values.reshape(100, -1) for values in expected.values()])
+    stacked = np.column_stack([values.T.reshape(-1, 100).T for values in expected.values()])
     scale = np.abs(stacked).max(axis=0)
     assert (np.abs(found - stacked) <= 1e-9 * scale).all()

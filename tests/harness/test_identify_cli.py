@@ -36,6 +36,9 @@ def call(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
     return code, re.sub(r"\s+", " ", shown.out), re.sub(r"\s+", " ", shown.err)
 
 
+PLAIN = ("--operator", "prandtl-ishlinskii")
+
+
 def _write(path: Path, volts: np.ndarray, stroke: np.ndarray) -> Path:
     time = np.arange(len(volts)) / RATE
     table = np.column_stack((time, volts, stroke * 1e6))
@@ -71,7 +74,7 @@ def stack_recording(tmp_path_factory) -> Path:
 
 def test_a_known_operator_comes_back_as_a_parameter_set(recording, tmp_path, monkeypatch, capsys):
     out = tmp_path / "sets" / "b.ssv"
-    code, shown, err = call(monkeypatch, capsys, recording, "--out", out)
+    code, shown, err = call(monkeypatch, capsys, recording, *PLAIN, "--out", out)
     assert (code, err) == (0, "")
     values = read_ssv(out)
     found = [values[f"weights[{i}]"].value for i in range(1, 11)]
@@ -91,7 +94,8 @@ def test_a_run_accepts_the_set(recording, tmp_path, monkeypatch, capsys):
     import harness
 
     out = tmp_path / "b.ssv"
-    assert call(monkeypatch, capsys, recording, "--out", out, "--no-report", "-q") == (0, "", "")
+    options = [*PLAIN, "--out", out, "--no-report", "-q"]
+    assert call(monkeypatch, capsys, recording, *options) == (0, "", "")
     scenario = tmp_path / "one.toml"
     scenario.write_text('seconds = 0.1\nstep = 1e-3\n[part.stack]\nfmu = "PrandtlIshlinskii"\n')
     result = harness.run(
@@ -111,8 +115,13 @@ def test_a_run_accepts_the_set(recording, tmp_path, monkeypatch, capsys):
         ("prandtl-ishlinskii", "PrandtlIshlinskii"),
         ("prandtl-ishlinskii", "InversePrandtlIshlinskii"),
         ("prandtl-ishlinskii", "TremorCanceller"),
+        ("rate-dependent", "RatePrandtlIshlinskii"),
+        ("rate-dependent", "TremorCanceller"),
+        ("creeping", "CreepPrandtlIshlinskii"),
+        ("creeping", "InverseCreepPrandtlIshlinskii"),
         ("modulated-stops", "ModulatedStops"),
         ("modulated-stops", "InverseModulatedStops"),
+        ("modulated-stops", "TremorCanceller"),
     ],
 )
 def test_sets_fit_the_models_that_they_are_for(
@@ -137,7 +146,7 @@ def test_three_recordings_are_three_stacks(
 ):
     out = tmp_path / "set.ssv"
     files = (recording, stack_recording, recording)
-    options = ["--model", "TremorCanceller", "--out", out, "--no-report"]
+    options = [*PLAIN, "--model", "TremorCanceller", "--out", out, "--no-report"]
     code, shown, _ = call(monkeypatch, capsys, *files, *options)
     assert code == 0
     assert shown.count("stack_b.csv:") == 2
@@ -154,7 +163,7 @@ def test_three_recordings_are_three_stacks(
 def test_the_richer_operator_leaves_the_sensor_noise_of_the_plant(
     stack_recording, tmp_path, monkeypatch, capsys
 ):
-    options = ["--operator", "modulated-stops", "--out", tmp_path / "s.ssv", "--no-report"]
+    options = ["--out", tmp_path / "s.ssv", "--no-report"]
     code, shown, _ = call(monkeypatch, capsys, stack_recording, *options)
     assert code == 0
     assert float(re.search(r"validation [\d.]+ ([\d.]+)", shown)[1]) < 1.15 * NOISE * 1e6
@@ -175,7 +184,7 @@ def test_a_real_actuator_is_identified(data_dir, tmp_path, monkeypatch, capsys):
     """A flexure at 1 Hz, 45 um: a straight line leaves 7.4 % of p-p of cycles not fitted."""
     path = data_dir / "piezo_flexure" / "Model_Vi_Do.dat"
     options = ["--volts", "1", "--displacement", "5", "--displacement-unit", "um", "--rate", "200"]
-    options += ["--operator", "modulated-stops", "--out", tmp_path / "f.ssv", "--no-report"]
+    options += ["--out", tmp_path / "f.ssv", "--no-report"]
     code, shown, _ = call(monkeypatch, capsys, path, *options)
     assert code == 0
     percent = float(re.search(r"validation [\d.]+ [\d.]+ ([\d.]+)", shown)[1])
@@ -189,7 +198,7 @@ def test_an_operator_that_does_not_suit_is_refused_with_a_cure(
     path = data_dir / "piezo_flexure" / "Model_Vi_Do.dat"
     options = ["--volts", "1", "--displacement", "5", "--displacement-unit", "um", "--rate", "200"]
     out = tmp_path / "f.ssv"
-    code, _, err = call(monkeypatch, capsys, path, *options, "--out", out)
+    code, _, err = call(monkeypatch, capsys, path, *options, *PLAIN, "--out", out)
     assert code == 2
     assert "does not suit the operator (is its voltage that ahead of an amplifier? give" in err
     assert not out.exists()

@@ -1,18 +1,21 @@
-"""The kinematics against itself, against differences, and against the constraint equations."""
+"""The kinematics against itself, differences and the constraint equations; limits against SciPy."""
+
+import itertools
 
 import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import root
+from scipy.optimize import least_squares, root
 from scipy.spatial.transform import Rotation
 
 from fmu_src.kit import Runner, design
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.manipulator.parallel_3dof import Geometry
+from plants import instrument
 
-NANOMETRE = 1e-9
+NANOMETRE, MICROMETRE = 1e-9, 1e-6
 STROKE = design.STACK_STROKE
 strokes_in_range = st.tuples(*[st.floats(0.0, STROKE)] * 3).map(np.array)
 
@@ -29,6 +32,12 @@ def _compiled(kinematics, geometry: Geometry) -> ca.Function:
 FORWARD = _compiled(parallel_3dof.forward, _geometry())
 INVERSE = _compiled(parallel_3dof.inverse, _geometry())
 UNEQUAL = {"base_radius": 8e-3, "platform_radius": 6e-3, "leg_length": 25e-3}
+LEANING = {"base_radius": 20e-3, "platform_radius": 2e-3, "shaft_length": 0.1}
+WIDE = {"base_radius": 20e-3, "platform_radius": 20e-3, "shaft_length": 20e-3}
+"""The shortest shaft for its radius that can be asked for."""
+SLENDER = {"base_radius": 1e-3, "platform_radius": 1e-3, "shaft_length": 0.2}
+"""The longest."""
+SHAPES = ({}, UNEQUAL, LEANING, WIDE, SLENDER)
 
 
 def _column(value) -> np.ndarray:
@@ -136,3 +145,139 @@ def test_model_limits_and_flags_what_cannot_be_reached():
 def test_any_demand_gives_strokes_within_their_range(displacement):
     strokes = Runner(parallel_3dof.MODEL).run(1, {"displacement": np.array(displacement)})
     assert np.all((strokes["strokes"] >= 0) & (strokes["strokes"] <= STROKE))
+
+
+def _slope_at_rest(**changes: float) -> np.ndarray:
+    """Displacement of the tip by stroke at zero stroke, (3, 3)."""
+    return np.array(_compiled(parallel_3dof.forward, _geometry(**changes)).jacobian()([0, 0, 0], 0))
+
+
+@pytest.mark.parametrize("changes", SHAPES)
+def test_metric_of_the_strokes_is_that_of_the_tip_at_rest(changes):
+    """The form whose minimum the limits take, with the constants of the module's equation."""
+    slope = _slope_at_rest(**changes)
+    p = {**dict(zip(Geometry.fields, Geometry.starts(), strict=True)), **changes}
+    rest = np.sqrt(p["leg_length"] ** 2 - (p["base_radius"] - p["platform_radius"]) ** 2)
+    q = (p["shaft_length"] / p["platform_radius"]) ** 2
+    metric = 2 / 3 * q * np.eye(3) + (1 - 2 * q) / 9 * np.ones((3, 3))
+    metric *= (p["lever_gain"] * p["leg_length"] / rest) ** 2
+    np.testing.assert_allclose(slope.T @ slope, metric, rtol=1e-12, atol=1e-12 * metric.max())
+
+
+def _nearest_strokes(slope: np.ndarray, strokes: np.ndarray) -> np.ndarray:
+    """Of all ways to have each stroke free or at a limit, the one that moves the tip least."""
+    best, least = np.zeros(3), np.inf
+    for fixed in itertools.product([np.nan, 0.0, STROKE], repeat=3):
+        tried = np.array(fixed)
+        free = np.isnan(tried)
+        held = slope[:, ~free] @ (tried - strokes)[~free]
+        tried[free] = strokes[free] - np.linalg.lstsq(slope[:, free], held)[0]
+        gap = np.linalg.norm(slope @ (tried - strokes))
+        inside = np.all((tried >= -1e-9 * STROKE) & (tried <= STROKE * (1 + 1e-9)))
+        if inside and gap < least:
+            best, least = tried, gap
+    return best
+
+
+SLOPES = [_slope_at_rest(**changes) for changes in SHAPES]
+LIMITED = [
+    ca.Function("limited", [argument], [*parallel_3dof.limited(_geometry(**changes), argument)])
+    for changes in SHAPES
+    for argument in [ca.SX.sym("argument", 3)]
+]
+anywhere = st.sampled_from([0.0, STROKE, 2 * STROKE, -STROKE]) | st.floats(
+    -10 * STROKE, 10 * STROKE
+)
+
+
+@settings(deadline=None, max_examples=300)
+@given(st.integers(0, len(SHAPES) - 1), st.tuples(*[anywhere] * 3).map(np.array))
+def test_limited_strokes_are_the_minimum_of_the_metric(shape, strokes):
+    within = _column(LIMITED[shape](strokes)[0])
+    expected = _nearest_strokes(SLOPES[shape], strokes)
+    np.testing.assert_allclose(within, expected, atol=1e-8 * STROKE)
+
+
+@settings(deadline=None, max_examples=100)
+@given(st.integers(0, len(SHAPES) - 1), strokes_in_range)
+def test_strokes_in_range_are_returned_to_the_last_bit(shape, strokes):
+    within, reachable = LIMITED[shape](strokes)
+    np.testing.assert_array_equal(_column(within), strokes)
+    assert reachable == 1
+
+
+def _plant(**changes: float) -> tuple[ca.Function, ca.Function]:
+    """Deflection of the instrument by strokes, (3,) [m], and its slope; shares no code."""
+    p = instrument.Params.unpack(ca.SX(instrument.Params.starting(**changes).starts()))
+    strokes = ca.SX.sym("strokes", 3)
+    tip = instrument.shaft_tip(p, strokes) - instrument.shaft_tip(p, ca.SX.zeros(3))
+    return (
+        ca.Function("tip", [strokes], [tip]),
+        ca.Function("slope", [strokes], [ca.jacobian(tip, strokes)]),
+    )
+
+
+def _nearest_place(plant: tuple[ca.Function, ca.Function], wanted: np.ndarray) -> np.ndarray:
+    """Where the instrument's tip comes nearest to a place, (3,) [m]; in units of a stroke."""
+    tip, slope = plant
+    found = least_squares(
+        lambda x: (_column(tip(STROKE * x)) - wanted) / STROKE,
+        np.full(3, 0.5),
+        jac=lambda x: np.array(slope(STROKE * x)),
+        bounds=(0, 1),
+        xtol=1e-15,
+        ftol=1e-15,
+        gtol=1e-15,
+    )
+    return _column(tip(STROKE * found.x))
+
+
+@pytest.mark.parametrize(
+    ("geometry", "plant"),
+    [
+        ({}, {}),
+        ({"shaft_length": 0.1}, {"shaft_length": 0.1}),
+        (WIDE, {"radius": 20e-3, "shaft_length": 20e-3}),
+    ],
+)
+def test_tip_comes_as_near_as_it_can_to_what_cannot_be_reached(geometry, plant):
+    """Demands up to twice the size of the workspace.
+
+    It stays within 0.1 um of the least distance (found: 0.01 um); the place itself, which that
+    distance leaves free to move sideways, is within 1 % of the overshoot and 0.5 um.
+    """
+    kinematics = _plant(**plant)
+    corners = np.array(kinematics[0](_workspace(2)))
+    low, high = corners.min(axis=1), corners.max(axis=1)
+    draws = np.random.default_rng(9).uniform(-1, 1, (80, 3))
+    wanted = (low + high) / 2 + 2 * draws * (high - low) / 2
+    run = Runner(parallel_3dof.MODEL, geometry).run(len(wanted), {"displacement": wanted})
+    beyond = run["reachable"] == 0
+    assert beyond.sum() > 60
+    for place, strokes in zip(wanted[beyond], run["strokes"][beyond], strict=True):
+        reached = _column(kinematics[0](strokes))
+        nearest = _nearest_place(kinematics, place)
+        overshoot = np.linalg.norm(nearest - place)
+        assert np.linalg.norm(reached - place) < overshoot + 0.1 * MICROMETRE
+        assert np.linalg.norm(reached - nearest) < 0.01 * overshoot + 0.5 * MICROMETRE
+
+
+@pytest.mark.parametrize("angle", np.radians([0.0, 75.0, 200.0]))
+@pytest.mark.parametrize("height", [-40e-6, 160e-6])
+def test_lateral_part_is_kept_when_only_the_axial_one_is_out_of_range(angle, height):
+    """The faces of the workspace lean by r / l, some eighth, and so does the way to them."""
+    lateral = 200e-6 * np.array([np.cos(angle), np.sin(angle)])
+    run = Runner(parallel_3dof.MODEL).run(1, {"displacement": np.append(lateral, height)})
+    assert run["reachable"][0] == 0
+    lost = _column(FORWARD(run["strokes"][0])) - np.append(lateral, height)
+    assert np.abs(lost[2]) > 40e-6
+    assert np.linalg.norm(lost[:2]) < 0.16 * np.abs(lost[2])
+
+
+def test_strokes_follow_a_demand_across_the_limit_without_a_jump():
+    """Along the axis a stroke moves by 1 / k of the demand, in other directions hardly more."""
+    path = np.linspace(0.0, 1.0, 1500)[:, None] * [1.2e-3, 0.7e-3, 0.3e-3]
+    run = Runner(parallel_3dof.MODEL).run(len(path), {"displacement": path})
+    assert run["reachable"][-1] == 0
+    step = np.linalg.norm(path[1])
+    assert np.abs(np.diff(run["strokes"], axis=0)).max() < 1.1 * step / design.LEVER_GAIN

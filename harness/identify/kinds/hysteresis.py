@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     from harness.report.page import Table
 
 _console = Console()
-_DEFAULT = "prandtl-ishlinskii"
+_DEFAULT = "modulated-stops"
 
 
 def command(
@@ -35,7 +35,10 @@ def command(
         ),
     ] = None,
     operator: Annotated[
-        str, typer.Option(help="What to fit: prandtl-ishlinskii or modulated-stops.")
+        str,
+        typer.Option(
+            help="What to fit: modulated-stops, prandtl-ishlinskii, rate-dependent or creeping."
+        ),
     ] = _DEFAULT,
     model: Annotated[
         str | None,
@@ -89,6 +92,7 @@ def command(
 
     from harness.errors import SteadytipError, nearest
     from harness.identify import outcome
+    from harness.identify.hysteresis import FEWEST_REVERSALS
     from harness.identify.recording import Choice, read_response
 
     if operator not in outcome.OPERATORS:
@@ -101,7 +105,7 @@ def command(
     if out is not None and out.suffix != ".ssv":
         raise SteadytipError(f"--out {out}: a parameter set ends in .ssv")
     chosen = outcome.OPERATORS[operator]
-    target = model or chosen.model
+    target = model or chosen.model.name
     choice = Choice(
         volts=volts,
         displacement=displacement,
@@ -114,7 +118,7 @@ def command(
         flip=flip,
         late=late,
     )
-    responses = [read_response(path, choice, chosen.fewest_reversals) for path in recordings]
+    responses = [read_response(path, choice, FEWEST_REVERSALS) for path in recordings]
     parts = [outcome.fit_part(fit, response) for response in responses]
     prefixes = outcome.places(target, chosen.record)
     if len(responses) not in (1, len(prefixes)):
