@@ -59,6 +59,7 @@ FEWEST_REVERSALS = 40
 SMALLEST_WEIGHT = 2 * SMALLEST_SLOPE
 """Bound of slopes of the loading curve, and of the saturation's in nominal strokes per volt; clear
 of where the inverse ceases to be defined."""
+_FAR = 1e4  # V, beyond any voltage
 _WIPED = 0.02
 """Share of the voltage's range that may be missing where it counts as visited."""
 
@@ -191,15 +192,15 @@ def loading_slopes(
         parameters: of a fit that the saturation is taken from.
     """
     saturation, dead_zones = parameters["saturation"], parameters["dead_zones"]
-    corners = np.append(dead_zones, 2 * dead_zones[-1])
+    corners = np.append(dead_zones, _FAR)
     values = np.append(0.0, np.cumsum(np.cumsum(saturation) * np.diff(corners)))
-    model = Runner(prandtl_ishlinskii.MODEL, dict(parameters))
-    given = model.run(len(volts), {"volts": volts})["stroke"]
-    acting = np.interp(stroke - np.mean(stroke - given), values, corners)
-    below = stroke - np.mean(stroke - given) < 0  # the first dead zone is open
-    acting = np.where(below, (stroke - np.mean(stroke - given)) / saturation[0], acting)
+    stroke = stroke - np.mean(stroke - _plain_stroke(parameters, volts))
+    # The first dead zone is open below.
+    low = stroke / saturation[0]
+    acting = np.where(stroke < 0, low, np.interp(stroke, values, corners))
     columns = np.column_stack((_gaps(volts), np.ones(len(volts))))
-    return np.linalg.lstsq(columns, acting, rcond=None)[0][:PLAYS]
+    known = slice(known_from(volts), None)
+    return np.linalg.lstsq(columns[known], acting[known], rcond=None)[0][:PLAYS]
 
 
 def stroke_rate(parameters: Mapping[str, Any], volts: np.ndarray, period: float) -> np.ndarray:
@@ -210,9 +211,14 @@ def stroke_rate(parameters: Mapping[str, Any], volts: np.ndarray, period: float)
         volts: voltage, (N,) [V].
         period: time between two samples [s].
     """
-    held = {name: parameters[name] for name in Hysteresis.fields}
-    given = Runner(prandtl_ishlinskii.MODEL, held).run(len(volts), {"volts": volts})["stroke"]
+    given = _plain_stroke(parameters, volts)
     return np.abs(np.diff(given, prepend=given[0])) / period
+
+
+def _plain_stroke(parameters: Mapping[str, Any], volts: np.ndarray) -> np.ndarray:
+    """Stroke of the modified operator among an operator's parameters, (N,) [m]."""
+    plain = {name: parameters[name] for name in Hysteresis.fields}
+    return Runner(prandtl_ishlinskii.MODEL, plain).run(len(volts), {"volts": volts})["stroke"]
 
 
 def _with(fit: HysteresisFit, **values: Any) -> HysteresisFit:

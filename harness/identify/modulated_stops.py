@@ -7,7 +7,7 @@ importance sampled, r_i = (V / 2) (i / n)^q, denser where a loop turns; their nu
 q are those that do best on blocks of the recording which the weights were not fitted to.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field
 
 import casadi as ca
@@ -33,6 +33,8 @@ MARGIN = 2.0
 """Least slope of an identified operator over the least with which an inverse is defined."""
 RESTING = 1e-3
 """Voltage, in spans, up to which a recording counts as begun at rest."""
+TERMS = {"lead": slice(3, 4), "creep": slice(4, 4 + LAGS)}
+"""Columns of what may be left out of an operator."""
 LARGEST_LAG = 0.1
 """Lag that may act within a sample, in shares of the stroke's span over that of the voltage."""
 
@@ -142,6 +144,8 @@ def identify_stops(
     period: float,
     creep_time: Sequence[float] | None = None,
     progress: Callable[[int, int], None] = lambda done, count: None,
+    orders: Sequence[int] = ORDERS,
+    without: Collection[str] = (),
 ) -> StopsFit:
     """Fit modulated stops to a recording.
 
@@ -155,6 +159,8 @@ def identify_stops(
         period: time between two samples [s].
         creep_time: times of creep, (LAGS,) [s]; decades from 3 ms by default.
         progress: called with the number of candidates done and their count.
+        orders: numbers of stops tried.
+        without: names among `TERMS` that stay 0, to see what they are worth.
 
     Raises:
         SteadytipError: arrays that do not match, are not finite, hold too few reversals, or run
@@ -175,13 +181,15 @@ def identify_stops(
     turns = (known & odd, known & ~odd)
 
     found: list[Candidate] = []
-    choices = [(order, power) for order in ORDERS for power in POWERS]
+    choices = [(order, power) for order in orders for power in POWERS]
     for done, (order, power) in enumerate(choices):
         progress(done, len(choices))
         columns = np.hstack((smooth, _stops(a, _thresholds(order, power))))
         squares = []
         for fitted, validated in (turns, turns[::-1]):
-            weights, zero = _solve(columns[fitted], stroke[fitted], _thresholds(order, power))
+            weights, zero = _solve(
+                columns[fitted], stroke[fitted], _thresholds(order, power), without
+            )
             left = stroke - columns @ weights - zero
             squares.append([np.mean(left[rows] ** 2) for rows in (fitted, validated)])
         found.append(Candidate(order, power, *map(float, np.sqrt(np.mean(squares, axis=0)))))
@@ -190,7 +198,7 @@ def identify_stops(
     best = _chosen(found)
     thresholds = _thresholds(best.order, best.power)
     columns = np.hstack((smooth, _stops(a, thresholds)))
-    weights, zero = _solve(columns[known], stroke[known], thresholds)
+    weights, zero = _solve(columns[known], stroke[known], thresholds, without)
     left = stroke[known] - columns[known] @ weights - zero
     return StopsFit(
         parameters=_parameters(weights, thresholds, span, times, period),
@@ -232,7 +240,7 @@ def _stops(a: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
 
 
 def _solve(
-    columns: np.ndarray, stroke: np.ndarray, thresholds: np.ndarray
+    columns: np.ndarray, stroke: np.ndarray, thresholds: np.ndarray, without: Collection[str]
 ) -> tuple[np.ndarray, float]:
     """Weights of the columns [m], and the stroke where they are 0 [m], by a quadratic program.
 
@@ -272,10 +280,20 @@ def _solve(
     smallest = np.full(count, -np.inf)
     smallest[3] = -LARGEST_LAG * spread[3]
     smallest[4 + LAGS :] = 0.0
+    largest = np.full(count, np.inf)
+    for name in without:
+        smallest[TERMS[name]] = largest[TERMS[name]] = 0.0
 
     sparsity = {"h": ca.DM(hessian).sparsity(), "a": ca.DM(constraints).sparsity()}
     program = ca.conic("weights", "daqp", sparsity)
-    found = program(h=ca.DM(hessian), g=gradient, a=ca.DM(constraints), lba=floor, lbx=smallest)
+    found = program(
+        h=ca.DM(hessian),
+        g=gradient,
+        a=ca.DM(constraints),
+        lba=floor,
+        lbx=smallest,
+        ubx=largest,
+    )
     weights = scale * np.array(found["x"]).ravel()[:size] / spread
     weights[4 + LAGS :] = np.maximum(weights[4 + LAGS :], 0.0)
     return weights, float(mean - middle @ weights)

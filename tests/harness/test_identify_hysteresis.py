@@ -4,9 +4,24 @@ import numpy as np
 import pytest
 
 from fmu_src.kit import Runner, SteadytipError
-from fmu_src.piezo import inverse_prandtl_ishlinskii, prandtl_ishlinskii
+from fmu_src.piezo import (
+    creeping,
+    inverse_creeping,
+    inverse_prandtl_ishlinskii,
+    prandtl_ishlinskii,
+    rate_dependent,
+)
 from fmu_src.piezo.prandtl_ishlinskii import Hysteresis
-from harness.identify.hysteresis import HysteresisFit, excitation, identify_hysteresis
+from harness.identify.hysteresis import (
+    HysteresisFit,
+    excitation,
+    identify_creeping,
+    identify_hysteresis,
+    identify_rate_dependence,
+    loading_slopes,
+    stroke_rate,
+    sweep,
+)
 from plants import piezo_stack
 
 RATE = 1000.0
@@ -86,6 +101,57 @@ def test_known_operator_is_found_again():
     found = identify_hysteresis(volts, model.run(len(volts), {"volts": volts})["stroke"])
     np.testing.assert_allclose(found.parameters["weights"], weights, atol=2e-3)
     assert found.residual < 1e-10
+
+
+def test_known_creep_is_found_again():
+    """Weights of plays and creep operators come back from a stack that is such an operator."""
+    known = {"weights": np.linspace(0.5, 0.05, 10), "creep_weights": [0.0, 0.03, 0.0, 0.01]}
+    volts = excitation(RATE)
+    stroke = Runner(creeping.MODEL, known).run(len(volts), {"volts": volts})["stroke"]
+    found = identify_creeping(volts, stroke, 1 / RATE)
+    assert found.residual < 1e-9
+    for name, values in known.items():
+        np.testing.assert_allclose(found.parameters[name], values, atol=5e-3)
+    assert found.offset == pytest.approx(0.0, abs=20e-9)
+
+
+def test_known_dependence_on_the_rate_is_found_again():
+    """From saw-teeth of several rates (A04 7.3.2), all but the dependence of what hardly moves."""
+    known = {"weights": np.linspace(0.5, 0.05, 10), "rate_slopes": np.linspace(-400, 200, 10)}
+    volts = np.concatenate(sweep(RATE, (1.0, 2.0, 4.0, 6.0, *np.arange(8.0, 40.0, 4.0))))
+    shipped = Runner(rate_dependent.MODEL).model.parameters
+    plain = {n: np.array(shipped.fields[n].start) for n in Hysteresis.fields} | known
+    rate = stroke_rate(plain, volts, 1 / RATE)
+    runner = Runner(rate_dependent.MODEL, known)
+    stroke = runner.run(len(volts), {"volts": volts, "rate": rate})["stroke"]
+    found = identify_rate_dependence(volts, stroke, 1 / RATE)
+    assert found.residual < 30e-9
+    assert found.parameters["rate_slopes"][0] == pytest.approx(-400, rel=0.1)
+    np.testing.assert_allclose(found.parameters["weights"][:5], known["weights"][:5], atol=0.05)
+
+
+def test_every_fit_has_an_inverse(recording):
+    """Rate-dependent ones at every rate that was in the recording, and more."""
+    volts, stroke = recording
+    found = identify_rate_dependence(volts, stroke, 1 / RATE)
+    singular, defined = Runner(rate_dependent.MODEL, found.parameters).d
+    assert defined == 1
+    assert singular == rate_dependent.FASTEST
+    creep = identify_creeping(volts, stroke, 1 / RATE).parameters
+    runner = Runner(inverse_creeping.MODEL, {f"hysteresis.{n}": v for n, v in creep.items()})
+    names = [scalar.name for scalar in runner.model.derived.scalars()]
+    assert runner.d[names.index("inverse.defined")] == 1
+
+
+def test_slopes_of_one_rate_are_those_of_a_known_operator():
+    (volts,) = sweep(RATE, (5.0,))
+    weights = np.linspace(0.5, 0.05, 10)
+    model = Runner(prandtl_ishlinskii.MODEL, {"weights": weights})
+    stroke = model.run(len(volts), {"volts": volts})["stroke"]
+    fields = {n: np.array(Hysteresis.fields[n].start) for n in Hysteresis.fields}
+    found = loading_slopes(volts, stroke + 1e-6, fields | {"weights": weights})
+    # The last play is wider than half the saw-tooth: it does not turn.
+    np.testing.assert_allclose(found[:-1], np.cumsum(weights)[:-1], atol=1e-6)
 
 
 @pytest.mark.parametrize(

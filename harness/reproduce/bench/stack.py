@@ -22,20 +22,25 @@ TRAVEL = 12.5e-6
 """Peak to peak of the sines of A04 chapter 7 [m]."""
 SETTLING = 1.0
 """Seconds of a sine that are left out."""
-_ATTEMPTS = 4
-_FIRST_TOP = 90.0  # V; the stroke is TRAVEL at some 90 V
+ATTEMPTS, FIRST_TOP = 4, 90.0
+"""For a voltage that gives TRAVEL: runs, and where they begin [V]."""
 
 
-def respond(volts: np.ndarray, rate: float = RATE) -> np.ndarray:
+Stack = Mapping[str, Any]
+"""Parameters of a stack that differ from the shipped ones."""
+
+
+def respond(volts: np.ndarray, rate: float = RATE, parameters: Stack | None = None) -> np.ndarray:
     """Stroke of a new stack at the end of each sample that a voltage is held for, (n,) [m].
 
     Args:
         volts: (n,) [V].
         rate: samples in a second, a whole part of the plant's [Hz].
+        parameters: of the stack.
     """
     substeps = round(FINE_RATE / rate)
     held = {"volts": np.append(np.repeat(volts, substeps), volts[-1])}
-    run = Runner(piezo_stack.MODEL).run(substeps * len(volts) + 1, held)
+    run = Runner(piezo_stack.MODEL, parameters).run(substeps * len(volts) + 1, held)
     return run["stroke"][substeps::substeps]
 
 
@@ -58,8 +63,8 @@ def sine(frequency: float, cycles: int, rate: float = RATE) -> tuple[np.ndarray,
     """
     keep = round(cycles / frequency * rate)
     time = np.arange(round(SETTLING * rate) + keep) / rate
-    top = _FIRST_TOP
-    for _ in range(_ATTEMPTS):
+    top = FIRST_TOP
+    for _ in range(ATTEMPTS):
         volts = top * (1 - np.cos(2 * np.pi * frequency * time)) / 2
         stroke = respond(volts, rate)
         top *= TRAVEL / np.ptp(stroke[-keep:])
