@@ -40,11 +40,13 @@ class Outcome:
         ticks: recorded.
         wall: time that the ticks took [s].
         error: why it ended early; None if it did not.
+        warnings: of the parts, each with the part's name.
     """
 
     ticks: int
     wall: float
     error: RunError | None
+    warnings: tuple[str, ...]
 
 
 class Loop:
@@ -118,7 +120,10 @@ class Loop:
         error = self._error
         if error is not None and not isinstance(error, RunError):
             raise error
-        return Outcome(self._ticks, self._wall, error)
+        warnings = tuple(
+            f"part '{part.name}' warns: {text}" for part in self._order for text in part.warnings
+        )
+        return Outcome(self._ticks, self._wall, error, warnings)
 
     def _hung(self) -> Part | None:
         """The part whose call has not come back in time, and that cannot be made to."""

@@ -68,7 +68,10 @@ def run(
         "wall": outcome.wall,
         "ticks": outcome.ticks,
         "error": str(outcome.error) if outcome.error else None,
+        "notes": [*facts["notes"], *outcome.warnings],
     }
+    for warning in outcome.warnings:
+        status(warning)
     error = outcome.error
     try:
         result = Result(recorder.finish(facts, csv))

@@ -10,6 +10,7 @@ from fmu_src.kit.records import (
     Record,
     State,
     boolean,
+    condition,
     integer,
     real,
 )
@@ -26,6 +27,7 @@ __all__ = [
     "State",
     "SteadytipError",
     "boolean",
+    "condition",
     "integer",
     "range_text",
     "real",

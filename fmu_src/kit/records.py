@@ -40,6 +40,8 @@ class Field:
     shape: tuple[int, ...]
     axes: tuple[str, ...] | None
     tunable: bool
+    warning: str = ""
+    """What is wrong where a condition is false; empty for all other variables."""
 
     @property
     def size(self) -> int:
@@ -92,6 +94,19 @@ def integer(description: str, *, start: int = 0, min: int, max: int, tunable: bo
 def boolean(description: str, *, start: bool = False, tunable: bool = False) -> Any:
     """Declare a yes or no; 1.0 and 0.0 inside a step."""
     return _field("Boolean", None, description, float(start), 0, 1, (), None, tunable)
+
+
+def condition(description: str, warning: str) -> Any:
+    """Declare a yes or no about the parameters that should be yes; for `Derived` records.
+
+    An FMU whose parameters make it false says so when it is initialised, and goes on.
+
+    Args:
+        description: one sentence.
+        warning: what is wrong when it is false, and the cure.
+    """
+    field = boolean(description, start=True)
+    return dataclasses.replace(field, warning=warning)
 
 
 def _field(

@@ -115,10 +115,11 @@ def header(model: Model, guid: str) -> str:
         "    Type type;",
         "    int tunable;",
         "    double start, min, max;",
+        "    const char *warning;",
         "} Variable;",
         "static const Variable VARIABLE[N_P + N_D + N_U + N_Y + N_X + 1] = {",
         *(_row(scalar) for group in groups.values() for scalar in group),
-        '    {"", "", STRING, 0, 0, 0, 0}',
+        '    {"", "", STRING, 0, 0, 0, 0, ""}',
         "};",
     ]
     return "\n".join(lines) + "\n"
@@ -130,7 +131,7 @@ def _row(scalar: Scalar) -> str:
     low, high = (_bound(value) for value in (field.min, field.max))
     return (
         f'    {{"{scalar.name}", "{unit}", {field.kind.upper()}, {int(field.tunable)},'
-        f" {scalar.start!r}, {low}, {high}}},"
+        f' {scalar.start!r}, {low}, {high}, "{field.warning}"}},'
     )
 
 

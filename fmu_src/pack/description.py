@@ -31,6 +31,7 @@ DISPLAY_UNITS: Mapping[str, Mapping[str, float]] = {
 }
 """What people read instead of a unit, with the factor from it; the first is shown by default."""
 LOG_CATEGORIES = {
+    "logStatusWarning": "Parameters that the model goes on with, but should not have.",
     "logStatusDiscard": "Values that were refused and not taken.",
     "logStatusError": "Calls that could not be carried out.",
     "logAll": "All messages.",

@@ -91,6 +91,7 @@ def _table(model: Model) -> dict[str, object]:
                 "start": scalar.start,
                 "min": scalar.field.min,
                 "max": scalar.field.max,
+                "warning": scalar.field.warning,
             }
             for causality, scalars in groups.items()
             for scalar in scalars

@@ -167,7 +167,9 @@ static uint32_t crc32(const fmi2Byte *data, size_t n) {
 
 /* Refusals are reported even with logging off, but then each only once in a row. */
 static fmi2Status end(Instance *c, fmi2Status status) {
-    const char *category = status == fmi2Discard ? "logStatusDiscard" : "logStatusError";
+    const char *category = status == fmi2Discard   ? "logStatusDiscard"
+                           : status == fmi2Warning ? "logStatusWarning"
+                                                   : "logStatusError";
     uint32_t text = crc32(c->text, c->length);
     int again = !c->logging && text == c->said;
     c->said = text;
@@ -305,6 +307,13 @@ static fmi2Status derive(Instance *c, const char *where) {
             say_bounds(c, &VARIABLE[i]);
             return fail(c, fmi2Error);
         }
+        if (VARIABLE[i].warning[0] != '\0' && c->now.value[i] == 0) {
+            begin(c, where);
+            say(c, VARIABLE[i].name);
+            say(c, " is false: ");
+            say(c, VARIABLE[i].warning);
+            end(c, fmi2Warning);
+        }
     }
     return fmi2OK;
 }
@@ -416,7 +425,8 @@ EXPORT void FMI2(fmi2FreeInstance)(fmi2Component component) {
 
 EXPORT fmi2Status FMI2(fmi2SetDebugLogging)(
     fmi2Component component, fmi2Boolean on, size_t n, const fmi2String categories[]) {
-    static const char *const known[] = {"logStatusDiscard", "logStatusError", "logAll"};
+    static const char *const known[] = {
+        "logStatusWarning", "logStatusDiscard", "logStatusError", "logAll"};
     Instance *c = component;
     size_t i, j;
     if (!legal(c, "fmi2SetDebugLogging", ANY)) return fmi2Error;

@@ -81,9 +81,7 @@ class Slave(Fmi2Slave):
             )
         until = current_time + step_size
         due = math.ceil((until - self._start) / self._period - 1e-3)
-        if self._stale:
-            self._derive()
-            self._stale = False
+        self._initialise()
         while self._samples < due:
             if not self._sample():
                 return False
@@ -108,6 +106,11 @@ class Slave(Fmi2Slave):
         if self._stale:
             self._derive()
             self._stale = False
+            for variable, value in zip(self._variables, self._values, strict=True):
+                if variable["warning"] and not value:
+                    self.log(
+                        f"{variable['name']} is false: {variable['warning']}", Fmi2Status.warning
+                    )
             if self._sample():
                 self._y[:] = self._y_next
 

@@ -28,12 +28,24 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, design, real
+from fmu_src.kit import (
+    Derived,
+    Inputs,
+    Model,
+    Outputs,
+    Parameters,
+    State,
+    boolean,
+    condition,
+    design,
+    real,
+)
 from fmu_src.piezo.demand import Demand, ahead, horizon, seen
 from fmu_src.piezo.prandtl_ishlinskii import (
     DEAD_ZONES,
     NOMINAL,
     PLAYS,
+    UNDEFINED,
     Hysteresis,
     remember,
     stops,
@@ -68,7 +80,7 @@ class Inverse(Derived):
     thresholds = real("V", "r', half widths of the inverse's plays", shape=PLAYS)
     saturation = real("V/m", "s', weights of the inverse's dead zones", shape=DEAD_ZONES)
     dead_zones = real("m", "d', thresholds of the inverse's dead zones", shape=DEAD_ZONES)
-    defined = boolean("whether the operator has an inverse")
+    defined = condition("whether the operator has an inverse", UNDEFINED)
 
 
 class Precomputed(Derived):

@@ -48,10 +48,11 @@ from fmu_src.kit import (
     Outputs,
     Parameters,
     State,
-    boolean,
+    condition,
     design,
     real,
 )
+from fmu_src.piezo.prandtl_ishlinskii import UNDEFINED
 
 STOPS = 12
 """N; a smaller order is one with weights of 0."""
@@ -135,7 +136,7 @@ class Constants(Derived):
     left = real(None, "what is left of creep's distance after a sample", shape=LAGS)
     steepness = real("m", "lead p_1 / T", start=0.0)
     smallest_slope = real("m/V", "lower bound of the slope of stroke over voltage")
-    defined = boolean("whether the operator has an inverse")
+    defined = condition("whether the operator has an inverse", UNDEFINED)
 
 
 def derive(p: Stops, T: float) -> Constants:

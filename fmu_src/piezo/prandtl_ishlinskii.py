@@ -32,6 +32,13 @@ DEAD_ZONES = 4
 NOMINAL = design.STACK_STROKE / design.STACK_VOLTS
 """Stroke per volt by the data sheet [m/V]; s_0 is held at it, which settles the scale of w."""
 
+UNDEFINED = (
+    "the operator has no inverse, for which thresholds must rise and all slopes stay above the "
+    "least one; an inverse goes on with slopes that are raised. Identify it again, or correct its "
+    "values"
+)
+"""What is said of parameters without an inverse."""
+
 
 class Hysteresis(Parameters):
     """Thresholds and weights of one stack.

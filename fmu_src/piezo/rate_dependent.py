@@ -29,9 +29,16 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, State, boolean, real
+from fmu_src.kit import Derived, Inputs, Model, Outputs, State, boolean, condition, real
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE, invert
-from fmu_src.piezo.prandtl_ishlinskii import NOMINAL, PLAYS, Hysteresis, remember, respond
+from fmu_src.piezo.prandtl_ishlinskii import (
+    NOMINAL,
+    PLAYS,
+    UNDEFINED,
+    Hysteresis,
+    remember,
+    respond,
+)
 
 FASTEST = 0.1
 """Largest rate that counts [m/s], a hundred times that of any tremor: larger ones act as this."""
@@ -102,7 +109,7 @@ class Limits(Derived):
     """Where the operator has an inverse."""
 
     singular_rate = real("m/s", "least rate without an inverse", start=FASTEST)
-    defined = boolean("whether there is an inverse from rest up to the singular rate")
+    defined = condition("whether there is an inverse from rest up to that rate", UNDEFINED)
 
 
 def slopes(p: RateDependence, rate: Any) -> ca.SX:

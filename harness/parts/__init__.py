@@ -106,6 +106,8 @@ class Part(Protocol):
     outputs: Sequence[Port]
     seconds: float
     """How long it can go on [s]; infinite for most."""
+    warnings: Sequence[str]
+    """What it warned of when it was started; sentences."""
 
     def start(
         self,

@@ -107,6 +107,7 @@ class Instance:
         self._environment = next(_next_log)
         self._messages = _logs.setdefault(self._environment, deque(maxlen=_KEPT_MESSAGES))
         self._status = OK
+        self.warnings: tuple[str, ...] = ()
         self._alive: list[Any] = []
         folder = unpack(description, workspace)
         try:
@@ -156,6 +157,8 @@ class Instance:
         for name, value in zip(preset, preset_values, strict=True):
             self._set_one(self._description.variables[name], value)
         self._call("ExitInitializationMode", fmu.exitInitializationMode)
+        texts = [message.text for message in self._messages if message.status == WARNING]
+        self.warnings = tuple(dict.fromkeys(texts))
 
     def stepper(self, driven: Sequence[str], u: FloatArray, y: FloatArray) -> Stepper:
         """Make the function of one tick, and read the outputs once into `y`.

@@ -69,6 +69,7 @@ class FmuPart:
         self.inputs: Sequence[Port] = self.description.inputs
         self.outputs: Sequence[Port] = self.description.outputs
         self.seconds = math.inf
+        self.warnings: Sequence[str] = ()
         problems: list[str] = []
         self.start_values = self._start_values(keys, problems)
         if problems:
@@ -116,6 +117,7 @@ class FmuPart:
             preset=[name for name, there in zip(driven, preset, strict=True) if there],
             preset_values=u[np.asarray(preset, dtype=bool)] if len(driven) else u,
         )
+        self.warnings = self._instance.warnings
         # The loop calls the instance's own function: one Python frame less per part and tick.
         self.advance = self._instance.stepper(driven, u, y)  # type: ignore
 

@@ -98,6 +98,7 @@ class IsolatedInstance:
         """
         self._wait("its instantiation")
         self._call("begin", stop, dict(start_values), list(preset), np.array(preset_values))
+        self.warnings: tuple[str, ...] = self._connection.recv()
 
     def stepper(self, driven: Sequence[str], u: FloatArray, y: FloatArray) -> Stepper:
         """See `harness.parts.fmi.Instance.stepper`."""
@@ -207,6 +208,11 @@ def _serve(
         done.release()
         return result
 
+    def begin(*arguments: Any) -> None:
+        assert instance is not None
+        instance.begin(*arguments)
+        parent.send(instance.warnings)
+
     instance: Instance | None = attempt(Instance, description, name, workspace)
     if instance is None:
         return
@@ -218,7 +224,7 @@ def _serve(
         elif request.value == _CALL:
             verb, *arguments = parent.recv()
             if verb == "begin":
-                attempt(instance.begin, *arguments)
+                attempt(begin, *arguments)
             else:
                 (driven,) = arguments
                 advance = attempt(instance.stepper, driven, inputs[: len(driven)], outputs)

@@ -58,6 +58,7 @@ class ReplayPart:
             )
         self._recording = read_recording(Path(settings["replay"]))
         self.seconds = self._recording.seconds
+        self.warnings: Sequence[str] = ()
 
     @classmethod
     def prepare(

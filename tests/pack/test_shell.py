@@ -52,8 +52,9 @@ typedef struct {
     Type type;
     int tunable;
     double start, min, max;
+    const char *warning;
 } Variable;
-static const Variable VARIABLE[1] = {{"", "", STRING, 0, 0, 0, 0}};
+static const Variable VARIABLE[1] = {{"", "", STRING, 0, 0, 0, 0, ""}};
 """
 
 
@@ -81,3 +82,29 @@ def test_numbers_in_messages_have_nine_right_digits(printed) -> None:
         expected, written = line.split(" ")
         assert float(written) == pytest.approx(float(expected), rel=2e-9)
         assert len(written) <= 16
+
+
+@pytest.mark.parametrize("flavour", ["native", "python"])
+@pytest.mark.parametrize("isolate", [False, True])
+def test_conditions_of_the_parameters_are_warnings_when_they_are_false(
+    flavour, isolate, tmp_path
+) -> None:
+    """A run goes on, says so, and keeps it in its record; good parameters say nothing."""
+    import harness
+
+    scenario = tmp_path / "one.toml"
+    scenario.write_text(
+        'seconds = 0.05\nstep = 1e-3\n[part.inverse]\nfmu = "InversePrandtlIshlinskii"\n'
+        f'flavour = "{flavour}"\nisolate = {str(isolate).lower()}\n'
+    )
+    for thresholds, expected in (({}, []), ({"part.inverse.hysteresis.thresholds[4]": 8.0}, [1])):
+        said = []
+        result = harness.run(
+            scenario, overrides=thresholds, out=tmp_path / "out", report=False, status=said.append
+        )
+        warned = [text for text in said if "warns" in text]
+        assert [1 for _ in warned] == expected
+        for text in warned:
+            assert text.startswith("part 'inverse' warns: ")
+            assert "inverse.defined is false: the operator has no inverse" in text
+            assert text in result.facts["notes"]
