@@ -121,7 +121,9 @@ class Loop:
         if error is not None and not isinstance(error, RunError):
             raise error
         warnings = tuple(
-            f"part '{part.name}' warns: {text}" for part in self._order for text in part.warnings
+            f"part '{part.name}' warns: {text}"
+            for part in self._order
+            for text in getattr(part, "warnings", ())
         )
         return Outcome(self._ticks, self._wall, error, warnings)
 

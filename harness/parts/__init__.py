@@ -99,15 +99,16 @@ class Run:
 
 
 class Part(Protocol):
-    """One member of the loop. Its constructor reads and checks; `start` acts."""
+    """One member of the loop. Its constructor reads and checks; `start` acts.
+
+    A part may have `warnings`: sentences on what it goes on with, but should not have to.
+    """
 
     name: str
     inputs: Sequence[Port]
     outputs: Sequence[Port]
     seconds: float
     """How long it can go on [s]; infinite for most."""
-    warnings: Sequence[str]
-    """What it warned of when it was started; sentences."""
 
     def start(
         self,

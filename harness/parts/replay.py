@@ -58,7 +58,6 @@ class ReplayPart:
             )
         self._recording = read_recording(Path(settings["replay"]))
         self.seconds = self._recording.seconds
-        self.warnings: Sequence[str] = ()
 
     @classmethod
     def prepare(
