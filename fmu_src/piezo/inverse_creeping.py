@@ -17,11 +17,11 @@ voltage really sent.
 
 from typing import Any
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit import Derived, Model, Parameters, State
 from fmu_src.piezo import creeping
 from fmu_src.piezo.creeping import Creeping, Memory, Pace
 from fmu_src.piezo.demand import Demand, ahead, horizon, seen
-from fmu_src.piezo.inverse_prandtl_ishlinskii import Inverse, Range, drive, invert
+from fmu_src.piezo.inverse_prandtl_ishlinskii import In, Inverse, Out, Range, drive, invert
 
 
 class Params(Parameters):
@@ -32,24 +32,11 @@ class Params(Parameters):
     horizon = horizon(0.0)
 
 
-class In(Inputs):
-    """What is wanted."""
-
-    stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
-
-
 class X(State):
     """Memory of the stack and of the demand."""
 
     stack: Any = Memory
     demand: Any = Demand
-
-
-class Out(Outputs):
-    """What to send."""
-
-    volts = real("V", "v, voltage to send")
-    limited = boolean("whether the voltage had to be limited")
 
 
 class Precomputed(Derived):

@@ -24,12 +24,11 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, boolean, real
 from fmu_src.piezo import inverse_prandtl_ishlinskii as inverse
 from fmu_src.piezo import rate_dependent
-from fmu_src.piezo.demand import Demand, ahead, horizon, seen
-from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
-from fmu_src.piezo.prandtl_ishlinskii import PLAYS
+from fmu_src.piezo.demand import ahead, horizon, seen
+from fmu_src.piezo.inverse_prandtl_ishlinskii import Range, X
 from fmu_src.piezo.rate_dependent import Limits, RateDependence
 
 
@@ -47,13 +46,6 @@ class In(Inputs):
     stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
     rate = real("m/s", "z', its rate where the voltage acts", min=-10.0, max=10.0)
     rate_valid = boolean("whether `rate` is given; else it is the demand's", start=False)
-
-
-class X(State):
-    """Memory of the stack and of the demand."""
-
-    plays = real("V", "H, outputs of the forward operator's plays", shape=PLAYS)
-    demand: Any = Demand
 
 
 class Out(Outputs):

@@ -81,7 +81,7 @@ class HysteresisFit:
     first: int
 
 
-def excitation(rate: float) -> np.ndarray:
+def excitation(rate: float, top: float = design.STACK_VOLTS) -> np.ndarray:
     """Voltage to record with, shape (samples,) [V].
 
     A saw-tooth about half the range whose amplitude falls evenly from half the range to nothing, so
@@ -89,19 +89,23 @@ def excitation(rate: float) -> np.ndarray:
 
     Args:
         rate: samples in a second [Hz].
+        top: largest voltage [V].
     """
     t = np.arange(round(EXCITATION_SECONDS * rate)) / rate
-    half = design.STACK_VOLTS / 2
+    half = top / 2
     triangle = 1 - 4 * np.abs((EXCITATION_FREQUENCY * t) % 1 - 0.5)  # -1 at t = 0
     return half + half * (1 - t / EXCITATION_SECONDS) * triangle
 
 
-def sweep(rate: float, frequencies: Sequence[float] = SWEEP_FREQUENCIES) -> list[np.ndarray]:
+def sweep(
+    rate: float, frequencies: Sequence[float] = SWEEP_FREQUENCIES, top: float = SWEEP_TOP
+) -> list[np.ndarray]:
     """Saw-teeth of constant rate to record one after the other, from 0 V and back (A04 7.3.2).
 
     Args:
         rate: samples in a second [Hz].
         frequencies: of the saw-teeth [Hz].
+        top: largest voltage [V].
 
     Returns:
         Voltage for each frequency, (samples,) [V].
@@ -109,7 +113,7 @@ def sweep(rate: float, frequencies: Sequence[float] = SWEEP_FREQUENCIES) -> list
     parts = []
     for frequency in frequencies:
         phase = frequency * np.arange(round(SWEEP_CYCLES / frequency * rate)) / rate
-        parts.append(SWEEP_TOP * (1 - np.abs(1 - 2 * (phase % 1))))
+        parts.append(top * (1 - np.abs(1 - 2 * (phase % 1))))
     return parts
 
 

@@ -23,9 +23,9 @@ WEIGHTS = np.linspace(0.5, 0.05, 10)
 NOISE = 0.07e-6
 
 
-def call(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
+def call(monkeypatch, capsys, *arguments: str, kind="hysteresis") -> tuple[int, str, str]:
     """Exit code, output, errors of `steadytip identify hysteresis`; blanks made single."""
-    monkeypatch.setattr(sys, "argv", ["steadytip", "identify", "hysteresis", *map(str, arguments)])
+    monkeypatch.setattr(sys, "argv", ["steadytip", "identify", kind, *map(str, arguments)])
     monkeypatch.setenv("COLUMNS", "200")
     try:
         main()
@@ -276,3 +276,44 @@ def test_values_out_of_range_are_not_written(tmp_path):
     with pytest.raises(SteadytipError, match=r"10 problems\n  - weights\[1\] = 11  must be in"):
         outcome.write_set(tmp_path / "x.ssv", Hysteresis, {"": fit})
     assert not (tmp_path / "x.ssv").exists()
+
+
+# The excitation -----------------------------------------------------------------------------------
+
+
+def excite(monkeypatch, capsys, *arguments):
+    """The same of `steadytip identify excitation`."""
+    return call(monkeypatch, capsys, *arguments, kind="excitation")
+
+
+@pytest.mark.parametrize("operator", list(outcome.OPERATORS))
+def test_what_is_written_is_what_a_recording_needs(operator, tmp_path, monkeypatch, capsys):
+    """With a stroke beside it, the table is one that the operator can be identified from."""
+    out = tmp_path / "new" / "volts.csv"
+    code, shown, err = excite(
+        monkeypatch, capsys, out, "--operator", operator, "--top", "60", "--rate", "500"
+    )
+    assert (code, err) == (0, "")
+    assert f"{out}: " in shown
+    time, volts = np.loadtxt(out, delimiter=",", skiprows=1).T
+    assert volts.min() == 0.0
+    assert volts[0] == 0.0
+    assert volts.max() == pytest.approx(60.0, rel=0.005)
+    np.testing.assert_allclose(np.diff(time), 2e-3, atol=1e-6)
+    recording = tmp_path / "recording.csv"
+    table = np.column_stack((time, volts, 0.15 * volts))
+    np.savetxt(recording, table, "%.6f", ",", header="time [s],volts [V],stroke [um]", comments="")
+    assert len(read_response(recording, Choice(), 40).time) == len(volts)
+
+
+def test_an_excitation_that_cannot_be_is_refused(tmp_path, monkeypatch, capsys):
+    out = tmp_path / "v.csv"
+    for options, message in (
+        (["--operator", "stops"], "--operator stops: there is none of that name"),
+        (["--top", "-5"], "--top -5: must be above 0 and at most 1000 V"),
+        (["--rate", "20"], "--rate 20: must be in [200, 100000] Hz"),
+    ):
+        code, _, err = excite(monkeypatch, capsys, out, *options)
+        assert code == 2
+        assert message in err
+        assert not out.exists()
