@@ -24,6 +24,12 @@ class NoDerived(Derived):
     """For models whose parameters are used as they are."""
 
 
+def symbols_in(function: ca.Function) -> list[Any]:
+    """Arguments that a recorded function can be called with, to record what calls it."""
+    symbols: list[Any] = function.mx_in() if function.is_a("MXFunction") else function.sx_in()
+    return symbols
+
+
 @dataclass(frozen=True)
 class Model:
     """A sampled model under its FMU's name.
@@ -40,6 +46,8 @@ class Model:
         derived: record class of what `derive` returns.
         derive: `derive(p, T)` returning `derived`.
         draws: standard normal numbers for each sample.
+        matrix: whether to record whole matrices (CasADi's MX) instead of their elements: for
+            models that solve equations, or skip work at most samples.
     """
 
     name: str
@@ -52,6 +60,7 @@ class Model:
     derived: type[Derived] = NoDerived
     derive: Callable[..., Derived] | None = None
     draws: int = 0
+    matrix: bool = False
 
     @property
     def documentation(self) -> str:
@@ -63,16 +72,20 @@ class Model:
         """First line of the documentation."""
         return self.documentation.partition("\n")[0].rstrip(".")
 
+    @property
+    def _symbol(self) -> Any:
+        return ca.MX if self.matrix else ca.SX
+
     @cached_property
     def step_function(self) -> ca.Function:
         """`(p, d, u, x, r) -> (x', y)`, columns; r are uniform draws in (0, 1)."""
         p, d, u, x = (
-            ca.SX.sym(letter, record.size())
+            self._symbol.sym(letter, record.size())
             for letter, record in zip(
                 "pdux", (self.parameters, self.derived, self.inputs, self.state), strict=True
             )
         )
-        r = ca.SX.sym("r", self.draws)
+        r = self._symbol.sym("r", self.draws)
         extra: dict[str, Any] = {}
         if self.derive is not None:
             extra["derived"] = self.derived.unpack(d)
@@ -92,8 +105,8 @@ class Model:
     @cached_property
     def slope_function(self) -> ca.Function:
         """`(p, d, u, x, r, du) -> dy`: how outputs of a sample answer a change of its inputs."""
-        arguments = self.step_function.sx_in()
-        du = ca.SX.sym("du", self.inputs.size())
+        arguments = symbols_in(self.step_function)
+        du = self._symbol.sym("du", self.inputs.size())
         y = self.step_function.call(arguments, True, False)[1]
         dy = ca.densify(ca.jtimes(y, arguments[2], du))
         names = [*"pdux", "r", "du"]
@@ -102,7 +115,7 @@ class Model:
     @cached_property
     def derive_function(self) -> ca.Function:
         """`p -> d`, columns."""
-        p = ca.SX.sym("p", self.parameters.size())
+        p = self._symbol.sym("p", self.parameters.size())
         derived = (
             self.derive(self.parameters.unpack(p), self.sample_period)
             if self.derive

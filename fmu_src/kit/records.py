@@ -40,6 +40,8 @@ class Field:
     shape: tuple[int, ...]
     axes: tuple[str, ...] | None
     tunable: bool
+    listed: bool = True
+    """Whether a description names it; memory by the hundred is better left out."""
     warning: str = ""
     """What is wrong where a condition is false; empty for all other variables."""
 
@@ -68,6 +70,7 @@ def real(
     shape: int | tuple[int, ...] = (),
     axes: str | Sequence[str] | None = None,
     tunable: bool = False,
+    listed: bool = True,
 ) -> Any:
     """Declare a real variable.
 
@@ -80,10 +83,12 @@ def real(
         shape: () for a scalar, n for a column, (rows, columns) for a matrix.
         axes: suffixes of a column's elements on a port; `1..n` without it.
         tunable: may be set between steps; other parameters are fixed after initialisation.
+        listed: for a state, whether the FMU's description names it.
     """
     if unit is not None:
         base_exponents(unit)
-    return _field("Real", unit, description, start, min, max, shape, axes, tunable)
+    field = _field("Real", unit, description, start, min, max, shape, axes, tunable)
+    return dataclasses.replace(field, listed=listed)
 
 
 def integer(description: str, *, start: int = 0, min: int, max: int, tunable: bool = False) -> Any:
@@ -220,8 +225,8 @@ class Record:
                 at += field.size()
         return cls(**values)
 
-    def pack(self) -> ca.SX:
-        """Stack all fields into one column, matrices by columns.
+    def pack(self) -> Any:
+        """Stack all fields into one column, matrices by columns: SX, or MX where a field is.
 
         Raises:
             SteadytipError: a value does not have its field's shape.
@@ -232,7 +237,7 @@ class Record:
             if not isinstance(field, Field):
                 pieces.append(value.pack())
                 continue
-            value = ca.SX(value)
+            value = value if isinstance(value, ca.MX) else ca.SX(value)
             rows, columns = (*field.shape, 1, 1)[:2]
             if value.shape != (rows, columns):
                 raise SteadytipError(
@@ -240,6 +245,9 @@ class Record:
                     f" declared is ({rows}, {columns})"
                 )
             pieces.append(ca.vec(value))
+        if any(isinstance(piece, ca.MX) for piece in pieces):
+            # The others are numbers then.
+            pieces = [p if isinstance(p, ca.MX) else ca.evalf(p) for p in pieces]
         return ca.densify(ca.vertcat(*pieces)) if pieces else ca.SX(0, 1)
 
 

@@ -6,13 +6,14 @@ Together with `shell.c` they are the whole FMU: `fmu.c` includes the other three
 import re
 import tempfile
 from collections.abc import Collection
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
 from fmu_src.kit import Model
+from fmu_src.kit.model import symbols_in
 from fmu_src.kit.records import Scalar
 
 ENTRY = "fmu.c"
@@ -35,7 +36,7 @@ typedef double Real;
 _EXPORTED = re.compile(
     r"^CASADI_SYMBOL_EXPORT [^;{]*?(\w+)\([^;{]*\) ?\{([^\n]*\}|.*?\n\})\n", re.M | re.S
 )
-_PATTERN = re.compile(r"^(static const casadi_int casadi_s\d+\[|#define casadi_s\d+ ).*\n", re.M)
+_PATTERN = re.compile(r"^(static const casadi_int |#define )(casadi_s\d+)\b.*\n", re.M)
 _HEAD = re.compile(r"^(.*\(const casadi_real\*\* arg, casadi_real\*\* res, .*\) ?\{\n)", re.M)
 _UNUSED = "  (void)arg; (void)res; (void)iw; (void)w; (void)mem;\n"
 
@@ -64,16 +65,24 @@ def functions(model: Model) -> str:
     options: Any = {"casadi_int": "int", "with_header": False}
     generator = ca.CodeGenerator("functions.c", options)
     for name, function in called.items():
-        arguments = function.sx_in()
+        arguments = symbols_in(function)
         generator.add(ca.Function(name, arguments, function.call(arguments, True, False)))
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(folder + "/")
         text = (Path(folder) / "functions.c").read_text(encoding="utf-8")
     text = _EXPORTED.sub(lambda found: _kept(found, called), text)
-    text = _HEAD.sub(rf"\1{_UNUSED}", _PATTERN.sub("", text))
+    text = _HEAD.sub(rf"\1{_UNUSED}", text)
+    # Some patterns name others, as a macro; what nothing names goes.
+    while (short := _PATTERN.sub(partial(_named, text), text)) != text:
+        text = short
     counts = [f" * {name}: {f.n_instructions()} operations" for name, f in called.items()]
     title = "/* Generated from the recorded model; do not edit."
     return "\n".join([title, *counts, " */", text])
+
+
+def _named(text: str, found: re.Match[str]) -> str:
+    """The definition of a sparsity pattern if it is used, else nothing."""
+    return found[0] if len(re.findall(rf"\b{found[2]}\b", text)) > 1 else ""
 
 
 def _kept(found: re.Match[str], names: Collection[str]) -> str:

@@ -90,7 +90,8 @@ def describe(model: Model, guid: str, capabilities: Mapping[str, str], sources: 
     reference = 0
     for causality, scalars in model.variables.items():
         for scalar in scalars:
-            _variable(variables, scalar, reference, causality)
+            if scalar.field.listed:
+                _variable(variables, scalar, reference, causality)
             reference += 1
     _structure(root, model)
     return etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)

@@ -1,0 +1,329 @@
+"""Vector-autoregressive forecaster: tremor as a known functional of past and future motion.
+
+    v_k   = s_k - s_{k-1}                            motion from one stride to the next
+    R_j   = sum_k g^(n-k) v_k v_{k-j}^T              correlation, what is older than tau forgotten
+    A     : v_k = sum A_j v_{k-j} + e_k              least squares with the weights g^(n-k)
+    s_k+h = s_k + sum v_{k+1..k+h}                   forecast, v from A, h = 1..AHEAD
+    y     = sum_j w_j s_{k+j}                        j = -AHEAD..AHEAD, past and forecast
+    w_j   = T int H(f) cos(2 pi f (j T - h T_s)) df  corrected where intent is, less their mean
+    H     = 1 / (1 + Q^4),  Q = (t^2 - a b) / ((b - a) t)
+            t = tan(pi f T), a and b the same of f_1 and f_2
+
+What is called tremor here is the motion behind a zero-phase Butterworth band-pass of second order,
+f_1 to f_2, H its squared gain: half of its window lies in the future. By the law of total
+expectation the best causal estimate of it is that band-pass over the best forecast, so that all
+there is to learn is the spectrum of the motion. A delay of the loop is a shift of w. Cut off at
+AHEAD strides the weights would let through a percent of a slow motion, which is a hundred times a
+tremor; so they get the least change that gives the response H has at the frequencies INTENT, and a
+constant vanishes, whatever else.
+
+Regressors are OWN strides of the same axis and CROSS of each other one. The matrix of the least
+squares holds sums over products of any two lags, and follows from R and the last velocities: what
+stands farther down a diagonal is the same sum some strides ago. A Toeplitz matrix of R alone is
+nearly the same, but errs by lag over memory, with a slow intent by more than the tremor is large.
+The prior stands for a while of motion that keeps its velocity with a corner of 1 Hz, as large as
+the second differences are. Since y is linear in the last velocities, the forecast is folded into
+one row for each axis whenever A is new, by running the recursion backwards once; a sample costs
+little. A new A takes four samples, so that none takes long: three solutions and the fold.
+
+It needs a second and a half of motion: until then the output fades in. Positions count from the
+first one that can be trusted; while they cannot be, the motion goes on as it is forecast, fading.
+
+| symbol | field | meaning |
+| --- | --- | --- |
+| s | position | tip position, intent and tremor together |
+| T, T_s | | stride, sample period |
+| h T_s | horizon | how far ahead the tremor is wanted |
+| tau | memory | time after which motion is forgotten |
+| f_1, f_2 | lowest, highest | band of tremor |
+| R | correlation | of velocities, (9, OWN + 1) by axes and lag |
+| A | coefficients | of each axis: OWN, then CROSS of the next axis and of the one after |
+| y | tremor | tremor at the time t + horizon |
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+
+SAMPLE_PERIOD = 1e-3
+STRIDE = 4
+"""Samples in a stride: 250 Hz is enough for tremor."""
+OWN, CROSS = 30, 6
+"""Strides that the next velocity is regressed on."""
+AHEAD = 60
+"""Strides of the forecast, and of the past that the band-pass reaches into."""
+EVERY = 100
+"""Samples after which the coefficients are computed again."""
+PRIOR = 0.02
+"""Length of motion that the prior stands for [s]."""
+PRIOR_CORNER = 1.0
+"""Of the prior's velocity [Hz]."""
+LEARNING = 1.5
+"""Time in which the output fades in [s]."""
+FADING = 0.97
+"""Of a velocity from stride to stride where the position cannot be trusted."""
+LEAST_MOVE = 1e-9
+"""Second difference below which nothing moves [m]."""
+SIZE = OWN + 2 * CROSS
+HISTORY = STRIDE * AHEAD + 1
+GRID = (np.arange(64) + 0.5) / 64 * 60.0
+"""Frequencies at which the band-pass is summed up [Hz]."""
+AXES = 3
+INTENT = np.arange(0.0, 3.1, 0.5)
+"""Frequencies at which the response of the weights is held [Hz]."""
+SOFTNESS = 1e-2
+"""How far that may be missed, so that the response elsewhere changes little."""
+
+
+class Params(Parameters):
+    """Band, horizon and memory."""
+
+    lowest = real("Hz", "f_1, lower edge of the tremor's band", start=6.0, min=3.0, max=12.0)
+    highest = real("Hz", "f_2, upper edge of the tremor's band", start=15.0, min=12.5, max=30.0)
+    horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
+    memory = real("s", "tau, time after which motion is forgotten", start=8.0, min=1.0, max=1e3)
+
+
+class In(Inputs):
+    """Motion of the tip."""
+
+    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
+    valid = boolean("whether the position can be trusted", start=True)
+
+
+class X(State):
+    """Memory of the motion, and what has been learnt of it."""
+
+    tracked = boolean("whether the last position could be trusted")
+    origin = real("m", "position from which motion is counted", shape=3)
+    seen = real("s", "time that has been learnt from, up to the time of learning")
+    count = real(None, "samples since the coefficients were computed", min=0.0, max=EVERY)
+    unrest = real("m2", "mean square of second differences", shape=3)
+    motion = real("m", "s, newest first", shape=(AXES, HISTORY), listed=False)
+    correlation = real("m2", "R", shape=(AXES**2, OWN + 1), listed=False)
+    coefficients = real(None, "A", shape=(SIZE, AXES), listed=False)
+    fold = real(None, "forecast, by velocities", shape=(AXES, AXES * OWN), listed=False)
+
+
+class Out(Outputs):
+    """What is found."""
+
+    tremor = real("m", "tremor along each axis, a horizon ahead", shape=3, axes="xyz")
+
+
+class Weights(Derived):
+    """The band-pass, and what forgets."""
+
+    past = real(None, "w of now and before, newest first", shape=AHEAD + 1)
+    later = real(None, "sums of w from each stride ahead on", shape=AHEAD)
+    left = real(None, "g, what is left of a correlation after a sample")
+
+
+def derive(p: Params, T: float) -> Weights:
+    """Band-pass for the horizon, and forgetting."""
+    stride = STRIDE * T
+    low, high = (ca.tan(np.pi * f * stride) for f in (p.lowest, p.highest))
+
+    def gain(frequencies: np.ndarray) -> Any:
+        t = np.tan(np.pi * frequencies * stride)
+        inside, outside = ((high - low) * ca.DM(t)) ** 4, (ca.DM(t**2) - low * high) ** 4
+        return inside / (inside + outside)
+
+    lags = np.arange(-AHEAD, AHEAD + 1) * stride
+    step = GRID[1] - GRID[0]
+    phases = 2 * np.pi * (ca.DM(lags) - p.horizon) @ ca.DM(GRID).T
+    weights = 2 * stride * step * ca.cos(phases) @ gain(GRID)
+    # Real and imaginary part of the response at the frequencies of intent, by row.
+    turns = 2 * np.pi * np.outer(INTENT, lags)
+    response = np.vstack((np.cos(turns), np.sin(turns)))
+    square = response @ response.T + SOFTNESS * np.eye(len(response))
+    correct = np.linalg.solve(square, response).T
+    shift = 2 * np.pi * ca.DM(INTENT) * p.horizon
+    wanted = ca.vertcat(gain(INTENT) * ca.cos(shift), gain(INTENT) * ca.sin(shift))
+    weights -= ca.DM(correct) @ (ca.DM(response) @ weights - wanted)
+    weights -= ca.sum1(weights) / weights.shape[0]
+    return Weights(
+        past=weights[AHEAD::-1],
+        later=ca.cumsum(weights[:AHEAD:-1])[::-1],
+        left=ca.exp(-T / p.memory),
+    )
+
+
+def _solver() -> ca.Function:
+    """(correlation, (AXES^2, OWN + 1), moves, (AXES, STRIDE (OWN + 1)), prior, left) -> A, (SIZE,).
+
+    For the first axis. The correlation holds the first block row of the regression's matrix C. Its
+    other entries are the same sums a stride earlier, C_{i+1,j+1} = (C_ij - D_ij) / g^STRIDE, D the
+    products that came in since: so that they are as exact as if each had been summed up by itself.
+    Moves are velocities at every sample, newest first.
+    """
+    correlation = ca.MX.sym("correlation", AXES**2, OWN + 1)
+    moves = ca.MX.sym("moves", AXES, STRIDE * (OWN + 1))
+    prior, left = ca.MX.sym("prior"), ca.MX.sym("left")
+    # Column q holds the velocities that product q of the last stride was made of.
+    columns = [left ** (q / 2) * ca.vec(moves[:, q::STRIDE]) for q in range(STRIDE)]
+    recent = ca.horzcat(*columns)
+    came_in = recent @ recent.T
+    row = ca.horzcat(*(ca.reshape(correlation[:, j], AXES, AXES) for j in range(OWN + 1)))
+    rows = [row]
+    for i in range(OWN):
+        before = rows[-1][:, :-AXES] - came_in[AXES * i : AXES * (i + 1), :-AXES]
+        start = row[:, AXES * (i + 1) : AXES * (i + 2)].T
+        rows.append(ca.horzcat(start, before / left**STRIDE))
+    whole = ca.vertcat(*rows)
+
+    places = [AXES * lag for lag in range(1, OWN + 1)]
+    places += [AXES * lag + axis for axis in (1, 2) for lag in range(1, CROSS + 1)]
+    R = whole[places, places] + prior * ca.DM.eye(SIZE)
+    keeps = float(np.exp(-2 * np.pi * PRIOR_CORNER * STRIDE * SAMPLE_PERIOD))
+    r = whole[places, 0] + prior * keeps * ca.DM(np.eye(SIZE)[0])
+    # Scaled, so that single precision has no very small numbers to work with.
+    scale = R[0, 0]
+    found = ca.solve(R / scale, r / scale, "ldl")
+    return ca.Function("solve_axis", [correlation, moves, prior, left], [found])
+
+
+def companion(coefficients: Any) -> Any:
+    """First block row of the companion matrix of A, (AXES, AXES OWN), lag by lag.
+
+    Args:
+        coefficients: A, (SIZE, AXES).
+    """
+    places = np.zeros((AXES, AXES * OWN), dtype=int)
+    for axis in range(AXES):
+        for index in range(SIZE):
+            turn, lag = (0, index) if index < OWN else divmod(index - OWN, CROSS)
+            other = axis if index < OWN else (axis + turn + 1) % AXES
+            places[axis, AXES * lag + other] = 1 + SIZE * axis + index
+    padded = ca.vertcat(0, ca.vec(coefficients))
+    return ca.reshape(padded[places.flatten(order="F").tolist()], AXES, AXES * OWN)
+
+
+def _folder() -> ca.Function:
+    """(coefficients, (SIZE, AXES), sums of weights, (AHEAD,)) -> fold, (AXES, AXES OWN).
+
+    y holds sum_h later_h v_{k+h}, and v_{k+h} is the first block of F^h applied to the last
+    velocities, F the companion matrix of A. So the fold is sum_h later_h E F^h, by Horner's rule
+    from the farthest h on; a product with F is a shift and the first block times A.
+    """
+    coefficients = ca.MX.sym("coefficients", SIZE, AXES)
+    later = ca.MX.sym("later", AHEAD)
+    one = companion(coefficients)
+    Z, M, g = ca.MX.sym("Z", *one.shape), ca.MX.sym("M", *one.shape), ca.MX.sym("g")
+    first = Z[:, :AXES] + g * ca.DM.eye(AXES)
+    following = ca.horzcat(Z[:, AXES:], ca.DM.zeros(AXES, AXES)) + first @ M
+    horner = ca.Function("horner", [Z, M, g], [following])
+    fold: Any = ca.MX(*one.shape)
+    for h in reversed(range(AHEAD)):
+        fold = horner(ca.densify(fold), one, later[h])
+    return ca.Function("fold_forecast", [coefficients, later], [fold])
+
+
+SOLVE_AXIS, FOLD_FORECAST = _solver(), _folder()
+
+
+def learn(p: Params, derived: Weights, x: X, T: float) -> tuple[Any, Any, Any]:
+    """Coefficients and fold, a part of them at each of the first samples of a round.
+
+    Args:
+        p: parameters.
+        derived: weights of the band-pass.
+        x: state.
+        T: sample period [s].
+
+    Returns:
+        Samples in this round, coefficients and fold.
+    """
+    # With the axis whose turn it is in front: the solution knows the first axis only.
+    correlation: Any = x.correlation
+    moves: Any = x.motion[:, : STRIDE * (OWN + 1)] - x.motion[:, STRIDE : STRIDE * (OWN + 2)]
+    turned_correlation, turned_moves = correlation, moves
+    for axis in range(1, AXES):
+        order = (axis + np.arange(AXES)) % AXES
+        rows = (AXES * order[:, None] + order).flatten().tolist()
+        turn = x.count == axis
+        turned_correlation = ca.if_else(turn, correlation[rows, :], turned_correlation)
+        turned_moves = ca.if_else(turn, moves[order.tolist(), :], turned_moves)
+    unrest = ca.if_else(
+        x.count == 0, x.unrest[0], ca.if_else(x.count == 1, x.unrest[1], x.unrest[2])
+    )
+    prior = AXES * PRIOR / T * (unrest + LEAST_MOVE**2)
+    solved = SOLVE_AXIS(turned_correlation, turned_moves, prior, derived.left)
+    found = ca.if_else(x.count < AXES, solved, ca.MX(SIZE, 1), True)
+    coefficients = ca.horzcat(
+        *(ca.if_else(x.count == axis, found, x.coefficients[:, axis]) for axis in range(AXES))
+    )
+    fold = ca.if_else(x.count == AXES, FOLD_FORECAST(x.coefficients, derived.later), x.fold, True)
+    return ca.if_else(x.count + 1 >= EVERY, 0, x.count + 1), coefficients, fold
+
+
+def estimate(
+    p: Params, derived: Weights, position: Any, valid: Any, x: X, T: float
+) -> tuple[X, Out]:
+    """One sample of the filter, as a part of a larger model.
+
+    Args:
+        p: parameters.
+        derived: what follows from them.
+        position: s, (3,) [m].
+        valid: 1 to learn from this sample, 0 not to.
+        x: state.
+        T: sample period [s].
+    """
+    # Where the motion goes on by itself, a little less each stride.
+    there = x.motion[:, STRIDE - 1 :: STRIDE]
+    moves = ca.vec(there[:, :OWN] - there[:, 1 : OWN + 1])
+    expected = there[:, 0] + FADING * companion(x.coefficients) @ moves
+    origin = ca.if_else(x.tracked, x.origin, position - expected)
+    now = ca.if_else(valid, position - origin, expected)
+    motion = ca.horzcat(now, x.motion[:, :-1])
+
+    strides = motion[:, ::STRIDE]
+    velocity = strides[:, : OWN + 1] - ca.horzcat(strides[:, 1 : OWN + 2])
+    newest = velocity[:, 0]
+    products = ca.vertcat(*(ca.mtimes(newest, velocity[b, :]) for b in range(AXES)))
+    correlation = derived.left * x.correlation + products
+    turn = newest - velocity[:, 1]
+    unrest = derived.left * x.unrest + (1 - derived.left) * turn**2
+    count, coefficients, fold = learn(p, derived, x, T)
+
+    seen = ca.fmin(x.seen + valid * T, LEARNING)
+    found = (
+        strides[:, : AHEAD + 1] @ derived.past
+        + derived.later[0] * now
+        + x.fold @ ca.vec(velocity[:, :OWN])
+    )
+    following = X(
+        tracked=valid,
+        origin=origin,
+        seen=seen,
+        count=count,
+        unrest=unrest,
+        motion=motion,
+        correlation=correlation,
+        coefficients=coefficients,
+        fold=fold,
+    )
+    return following, Out(tremor=seen / LEARNING * found)
+
+
+def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
+    """One sample."""
+    return estimate(p, derived, u.position, u.valid, x, T)
+
+
+MODEL = Model(
+    "VarForecaster",
+    step,
+    Params,
+    In,
+    X,
+    Out,
+    sample_period=SAMPLE_PERIOD,
+    derived=Weights,
+    derive=derive,
+    matrix=True,
+)
