@@ -26,8 +26,8 @@ def run(tmp_path_factory):
 
 
 def test_more_than_half_of_a_quasi_sinusoidal_tremor_is_cancelled(run) -> None:
-    assert run.metrics["reduction_in_band"].value >= 50
-    assert run.metrics["reduction_a_posteriori"].value >= 40
+    assert run.metrics["reduction_in_band"].value >= 70
+    assert run.metrics["reduction_a_posteriori"].value >= 60
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
@@ -43,7 +43,7 @@ def test_noisy_sensors_cost_but_do_not_break(tmp_path) -> None:
     result = harness.run(
         "closed_loop_a04_noise", overrides={"seconds": 12.0}, out=tmp_path, report=False
     )
-    assert 0 < result.metrics["reduction_in_band"].value < 70
+    assert 40 < result.metrics["reduction_in_band"].value < 70
 
 
 def test_metrics_file_has_what_every_run_promises(run) -> None:
@@ -123,8 +123,10 @@ def table() -> Iterator[dict[str, tuple[float, float]]]:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("trial", TRIALS)
-def test_recorded_hands_have_less_tremor_in_band(trial, data_dir, table, tmp_path) -> None:
-    """The thesis's filter does poorly on real hands: a-posteriori, some trials get worse."""
+def test_recorded_hands_have_less_tremor_by_both_definitions(
+    trial, data_dir, table, tmp_path
+) -> None:
+    """No trial below 31 % a-posteriori and 42 % in the band; the mean is printed at the end."""
     result = harness.run(
         "closed_loop",
         motion=data_dir / "hand_motion_m2s2" / f"{trial}.csv",
@@ -136,5 +138,5 @@ def test_recorded_hands_have_less_tremor_in_band(trial, data_dir, table, tmp_pat
         result.metrics["reduction_a_posteriori"].value,
     )
     table[trial] = figures
-    assert figures[0] > 0
-    assert np.isfinite(figures[1])
+    assert figures[0] > 42
+    assert figures[1] > 31

@@ -1,10 +1,13 @@
 """Tremor canceller: estimated tip motion in, piezo voltages out (A04 8.2.2).
 
-    tremor    y_W = WflcFlc(tip displacement), a horizon ahead              A04 5.2.1
+    tremor    y_W = filter(tip displacement), a horizon ahead               A04 5.2.1
     demand    d_0 = d_rest - engagement R(q_WB)^T y_W                       frame 0 parallel to B
     strokes   lambda = inverse kinematics(d_0), the nearest that is in reach   A04 6.3
               lambda <- lambda_0 + rise (lambda - lambda_0)
     voltages  v_i = inverse hysteresis_i(lambda_i), within the amplifier's  A04 7.2.4
+
+`tremor_filter` chooses what tells tremor from intent: 1, WFLC and FLC behind an elliptic prefilter
+(A04 5.2.1), good on a tone; 2, the forecaster, which learns the spectrum of a hand's motion.
 
 `operator` chooses what is inverted: 1, the modified Prandtl-Ishlinskii operator (A04 7.2); 2, the
 rate-dependent one (A04 7.3); 3, modulated stops with creep and lag, the most exact. The first two
@@ -15,9 +18,9 @@ Stacks push only, so the tip rests where all strokes are half their range, and h
 either way. `rise` brings it there within `rise_time` from the first sample, from the strokes
 lambda_0 that belong to `initial_volts`, which the stacks have reached from 0 V and been at for
 long. `engagement` fades the correction in within `fade_time` once the stacks have risen and the
-motion is valid; when it is not, or on `hold`, it fades the correction, which the tone model carries
-on meanwhile, out to rest. Both follow s(p) = 3 p^2 - 2 p^3 of a progress p that runs from 0 to 1,
-so that nothing jumps.
+motion is valid; when it is not, or on `hold`, it fades the correction, which the filter's model
+carries on meanwhile, out to rest. Both follow s(p) = 3 p^2 - 2 p^3 of a progress p that runs from
+0 to 1, so that nothing jumps.
 
 Limits: the tip goes to the nearest place in reach, then each voltage is limited by itself;
 `saturated` tells of either. The memory of the hysteresis follows the voltage really sent. Faster
@@ -26,8 +29,12 @@ are at it, and `singular` tells.
 
 The horizon makes up for what lies between a tip and the correction of it: the command computed
 from one sample is held until the next one, where its effect is seen. How far a stack lags behind is
-in the operator 3; for the others `stack_delay` is added. The filter's wash-out is that of the
-estimator whose displacement comes in; 0 for a true position.
+in the operator 3; for the others `stack_delay` is added. The horizon and the wash-out, that of the
+estimator whose displacement comes in and 0 for a true position, are those of `filter`, and hold for
+the forecaster, too.
+
+Recorded by matrices, as the forecaster is; what acts on its tremor is recorded by elements and
+called from there.
 
 | symbol | field | meaning |
 | --- | --- | --- |
@@ -39,6 +46,7 @@ estimator whose displacement comes in; 0 for a true position.
 | lambda_0 | initial_strokes | strokes before the first sample |
 """
 
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -63,13 +71,15 @@ from fmu_src.piezo import modulated_stops as stops
 from fmu_src.piezo import prandtl_ishlinskii as plays
 from fmu_src.piezo import rate_dependent
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
-from fmu_src.tremor import wflc_flc
+from fmu_src.tremor import var_forecaster, wflc_flc
 
 SAMPLE_PERIOD = 1e-3
 STACK_DELAY = 0.3e-3
 """Of a stack behind the stroke asked for, where the operator does not hold it [s]: measured, 0.1 ms
 at 3 um and 0.6 ms at 0.35 um."""
 ESTIMATOR_STARTS = {scalar.name: scalar.start for scalar in micron.Params.scalars()}
+TONES, FORECASTER = 1, 2
+"""Choices of the filter."""
 PLAIN, RATE_DEPENDENT, STOPS = 1, 2, 3
 """Choices of the operator."""
 
@@ -80,6 +90,13 @@ class Params(Parameters):
     filter: Any = wflc_flc.WflcFlcParams.starting(
         horizon=SAMPLE_PERIOD, wash_out=ESTIMATOR_STARTS["washout"]
     )
+    tremor_filter = integer(
+        "what finds the tremor: 1 WFLC and FLC, 2 the forecaster",
+        start=FORECASTER,
+        min=TONES,
+        max=FORECASTER,
+    )
+    forecaster: Any = var_forecaster.Learning
     mechanism: Any = parallel_3dof.Geometry
     operator = integer(
         "what is inverted: 1 Prandtl-Ishlinskii, 2 the rate-dependent one, 3 modulated stops",
@@ -116,7 +133,7 @@ class Memory(State):
     strokes = real("m", "strokes of the sample before", shape=3)
 
 
-class Precomputed(Derived):
+class Operators(Derived):
     """Operators, the rest position, and where the stacks are before the first sample."""
 
     rest = real("m", "d_rest, tip at half stroke less tip at zero stroke, frame 0", shape=3)
@@ -127,6 +144,12 @@ class Precomputed(Derived):
     constants_2: Any = stops.Constants
     constants_3: Any = stops.Constants
     initial_strokes = real("m", "lambda_0, strokes before the first sample", shape=3)
+
+
+class Precomputed(Operators):
+    """The same, and the forecaster's band-pass."""
+
+    band: Any = var_forecaster.Weights
 
 
 class In(Inputs):
@@ -148,14 +171,21 @@ class In(Inputs):
     hold = boolean("whether the tip shall go to rest and stay there", start=False)
 
 
-class X(State):
-    """Memories of the parts, and progress of start and correction."""
+class Driving(State):
+    """Memory of what acts, and progress of start and correction."""
 
-    filter: Any = wflc_flc.WflcFlcState
     stacks: Any = Memory
     started = boolean("whether there has been a sample")
     rise = real(None, "progress of the start", min=0.0, max=1.0)
     engagement = real(None, "progress of the correction", min=0.0, max=1.0)
+
+
+class X(State):
+    """Memories of the filters, and of what acts."""
+
+    filter: Any = wflc_flc.WflcFlcState
+    driving: Any = Driving
+    forecaster: Any = var_forecaster.X
 
 
 class Out(Outputs):
@@ -169,7 +199,16 @@ class Out(Outputs):
     singular = boolean("whether a stack is to move faster than its operator can be inverted")
 
 
-def derive(p: Params, T: float) -> Precomputed:
+class Command(Outputs):
+    """What acts: outputs but for the filter's."""
+
+    volts = real("V", "v", shape=3)
+    engagement = real(None, "share of the correction that acts")
+    saturated = boolean("whether the tip or a voltage had to be limited")
+    singular = boolean("whether a stack is to move too fast")
+
+
+def prepare(p: Params, T: float) -> Operators:
     """Operators, the rest position, and where the stacks are before the first sample."""
     half = p.mechanism.longest_stroke / 2
     lift = parallel_3dof.height(p.mechanism, half) - parallel_3dof.height(p.mechanism, 0.0)
@@ -183,7 +222,7 @@ def derive(p: Params, T: float) -> Precomputed:
         volts = stops.In(volts=p.initial_volts[number - 1])
         _, out = stops.step(stopped, volts, getattr(begun, f"stops_{number}"), T, constants)
         strokes.append(ca.if_else(p.operator == STOPS, out.stroke, given))
-    return Precomputed(initial_strokes=ca.vertcat(*strokes), **values)
+    return Operators(initial_strokes=ca.vertcat(*strokes), **values)
 
 
 def _stacks(p: Params) -> list[tuple[int, rate_dependent.RateDependence, stops.Stops]]:
@@ -217,7 +256,7 @@ def smooth(progress: Any) -> ca.SX:
 
 
 def drive(
-    p: Params, derived: Precomputed, strokes: Any, x: Memory, T: float
+    p: Params, derived: Operators, strokes: Any, x: Memory, T: float
 ) -> tuple[Memory, ca.SX, ca.SX, ca.SX]:
     """Voltages that give strokes, by the operator that is chosen.
 
@@ -262,17 +301,24 @@ def drive(
     return following, ca.vertcat(*volts), any_limited, any_singular
 
 
-def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
-    lag = ca.if_else(p.operator == STOPS, 0.0, p.stack_delay)
-    ahead = p.filter.replace(horizon=p.filter.horizon + lag)
-    filtered, found = wflc_flc.estimate(ahead, u.tip_displacement, u.valid, x.filter, T)
+def act(
+    p: Params, derived: Operators, u: In, tremor: Any, x: Driving, T: float
+) -> tuple[Driving, Command]:
+    """Voltages against a tremor.
 
+    Args:
+        p: parameters.
+        derived: what follows from them.
+        u: attitude, and whether to correct at all.
+        tremor: y_W, (3,) [m].
+        x: memory and progress.
+        T: sample period [s].
+    """
     rise = ca.fmin(x.rise + T / p.rise_time, 1.0)
     wanted = ca.logic_and(ca.logic_and(u.valid, ca.logic_not(u.hold)), rise >= 1)
     towards = ca.if_else(wanted, 1.0, -1.0)
     engagement = ca.fmin(ca.fmax(x.engagement + towards * T / p.fade_time, 0.0), 1.0)
-    correction = -rotations.matrix(u.attitude).T @ found.tremor
+    correction = -rotations.matrix(u.attitude).T @ tremor
     demand = derived.rest + smooth(engagement) * correction
 
     strokes, reachable = parallel_3dof.limited(
@@ -283,15 +329,139 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     begun = initial_memory(p, initial).pack()
     memory = Memory.unpack(ca.if_else(x.started, x.stacks.pack(), begun))
     stacks, volts, limited, singular = drive(p, derived, strokes, memory, T)
-    following = X(filter=filtered, stacks=stacks, started=1.0, rise=rise, engagement=engagement)
-    return following, Out(
+    following = Driving(stacks=stacks, started=1.0, rise=rise, engagement=engagement)
+    return following, Command(
         volts=volts,
-        tremor=found.tremor,
-        frequency=found.frequency,
         engagement=smooth(engagement),
         saturated=ca.logic_or(ca.logic_not(reachable), limited),
         singular=singular,
     )
+
+
+@cache
+def acting(T: float) -> ca.Function:
+    """(p, operators, u, tremor, driving) -> (driving, command): `act`, by elements."""
+    records = (Params, Operators, In, Driving)
+    p, d, u, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
+    tremor = ca.SX.sym("tremor", 3)
+    unpacked = (Params.unpack(p), Operators.unpack(d), In.unpack(u))
+    following, command = act(*unpacked, tremor, Driving.unpack(x), T)
+    columns = [following.pack(), command.pack()]
+    return ca.Function("act", [p, d, u, tremor, x], columns, {"cse": True})
+
+
+@cache
+def preparing(T: float) -> ca.Function:
+    """Parameters -> operators: `prepare`, by elements."""
+    p = ca.SX.sym("p", Params.size())
+    return ca.Function("prepare", [p], [prepare(Params.unpack(p), T).pack()], {"cse": True})
+
+
+@cache
+def tones(T: float) -> ca.Function:
+    """(filter, position, valid, state) -> (state, out): WFLC and FLC, by elements."""
+    records = (wflc_flc.WflcFlcParams, wflc_flc.WflcFlcState)
+    p, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
+    position, valid = ca.SX.sym("position", 3), ca.SX.sym("valid")
+    unpacked = (wflc_flc.WflcFlcParams.unpack(p), position, valid)
+    following, out = wflc_flc.estimate(*unpacked, wflc_flc.WflcFlcState.unpack(x), T)
+    arguments, columns = [p, position, valid, x], [following.pack(), out.pack()]
+    return ca.Function("tones", arguments, columns, {"cse": True})
+
+
+@cache
+def forecast(T: float) -> ca.Function:
+    """(chosen, band, position, valid, state) -> (state, tremor): costs nothing if not chosen."""
+    band = ca.MX.sym("band", var_forecaster.Weights.size())
+    x = ca.MX.sym("x", var_forecaster.X.size())
+    position, valid = ca.MX.sym("position", 3), ca.MX.sym("valid")
+    unpacked = (var_forecaster.Weights.unpack(band), position, valid)
+    following, out = var_forecaster.estimate(*unpacked, var_forecaster.X.unpack(x), T)
+    arguments = [band, position, valid, x]
+    runs = ca.Function("forecast", arguments, [following.pack(), out.pack()])
+    rests = ca.Function("rest", arguments, [x, ca.MX(3, 1)])
+    return ca.Function.if_else("forecast_if_chosen", runs, rests)
+
+
+@cache
+def last_output(function: ca.Function, *moving: int) -> ca.Function:
+    """The last output of a function alone, a function of all its arguments.
+
+    Args:
+        function: by elements.
+        moving: arguments that derivatives are wanted by; the others count as constant.
+    """
+    arguments = function.sx_in()
+    differentiable = [index in moving for index in range(len(arguments))]
+    output = function.call(arguments, True, False)[-1]
+    options: dict[str, Any] = {"cse": True, "is_diff_in": differentiable}
+    return ca.Function(f"{function.name()}_answer", arguments, [output], options)
+
+
+def delay(p: Params) -> Any:
+    """How far ahead the tremor is wanted [s]."""
+    lag = ca.if_else(p.operator == STOPS, 0.0, p.stack_delay)
+    return p.filter.horizon + lag
+
+
+def derive(p: Params, T: float) -> Precomputed:
+    """Operators, and the forecaster's band-pass."""
+    operators = Operators.unpack(preparing(T)(p.pack()))
+    band = var_forecaster.weights(p.forecaster, delay(p), p.filter.wash_out, T)
+    values = {name: getattr(operators, name) for name in Operators.fields}
+    return Precomputed(band=band, **values)
+
+
+def put_out(command: Any, tremor: Any, tone: Any) -> Out:
+    """Outputs from what acts, packed, the tremor, and the tones, packed."""
+    acts = Command.unpack(command)
+    return Out(
+        volts=acts.volts,
+        tremor=tremor,
+        frequency=wflc_flc.Out.unpack(tone).frequency,
+        engagement=acts.engagement,
+        saturated=acts.saturated,
+        singular=acts.singular,
+    )
+
+
+def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
+    """One sample."""
+    ahead = p.filter.replace(horizon=delay(p)).pack()
+    filtered, tone = tones(T)(ahead, u.tip_displacement, u.valid, x.filter.pack())
+    chosen = p.tremor_filter == FORECASTER
+    learnt, forecasted = forecast(T)(
+        chosen, derived.band.pack(), u.tip_displacement, u.valid, x.forecaster.pack()
+    )
+    tremor = ca.if_else(chosen, forecasted, wflc_flc.Out.unpack(tone).tremor)
+    operators = operators_of(derived)
+    driven, command = acting(T)(p.pack(), operators, u.pack(), tremor, x.driving.pack())
+    following = X(
+        filter=wflc_flc.WflcFlcState.unpack(filtered),
+        driving=Driving.unpack(driven),
+        forecaster=var_forecaster.X.unpack(learnt),
+    )
+    return following, put_out(command, tremor, tone)
+
+
+def answer(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
+    """Outputs of a sample alone."""
+    ahead = p.filter.replace(horizon=delay(p)).pack()
+    find = last_output(tones(T), 1, 2)
+    tone = find(ahead, u.tip_displacement, u.valid, x.filter.pack())
+    forecasted = var_forecaster.answer(
+        derived.band, u.tip_displacement, u.valid, x.forecaster, T
+    ).tremor
+    tremor = ca.if_else(p.tremor_filter == FORECASTER, forecasted, wflc_flc.Out.unpack(tone).tremor)
+    drives = last_output(acting(T), 2, 3)
+    command = drives(p.pack(), operators_of(derived), u.pack(), tremor, x.driving.pack())
+    return put_out(command, tremor, tone)
+
+
+def operators_of(derived: Precomputed) -> Any:
+    """What follows from the parameters less the forecaster's band-pass, packed."""
+    values = {name: getattr(derived, name) for name in Operators.fields}
+    return Operators(**values).pack()
 
 
 MODEL = Model(
@@ -304,4 +474,6 @@ MODEL = Model(
     sample_period=SAMPLE_PERIOD,
     derived=Precomputed,
     derive=derive,
+    matrix=True,
+    answer=answer,
 )

@@ -48,6 +48,8 @@ class Model:
         draws: standard normal numbers for each sample.
         matrix: whether to record whole matrices (CasADi's MX) instead of their elements: for
             models that solve equations, or skip work at most samples.
+        answer: `answer(p, u, x, T)`, or with `derived=`, the outputs of a sample alone: for models
+            whose step, taken whole, makes much of its derivative that no output needs.
     """
 
     name: str
@@ -61,6 +63,7 @@ class Model:
     derive: Callable[..., Derived] | None = None
     draws: int = 0
     matrix: bool = False
+    answer: Callable[..., Outputs] | None = None
 
     @property
     def documentation(self) -> str:
@@ -71,6 +74,11 @@ class Model:
     def summary(self) -> str:
         """First line of the documentation."""
         return self.documentation.partition("\n")[0].rstrip(".")
+
+    def operations(self, function: ca.Function) -> str:
+        """How many operations one of the recorded functions has, and whether of whole matrices."""
+        kind = "matrix operations" if self.matrix else "operations"
+        return f"{function.n_instructions()} {kind}"
 
     @property
     def _symbol(self) -> Any:
@@ -107,7 +115,12 @@ class Model:
         """`(p, d, u, x, r, du) -> dy`: how outputs of a sample answer a change of its inputs."""
         arguments = symbols_in(self.step_function)
         du = self._symbol.sym("du", self.inputs.size())
-        y = self.step_function.call(arguments, True, False)[1]
+        if self.answer is None:
+            y = self.step_function.call(arguments, True, False)[1]
+        else:
+            records = (self.parameters, self.derived, self.inputs, self.state)
+            p, d, u, x = (r.unpack(a) for r, a in zip(records, arguments, strict=False))
+            y = self.answer(p, u, x, self.sample_period, derived=d).pack()
         dy = ca.densify(ca.jtimes(y, arguments[2], du))
         names = [*"pdux", "r", "du"]
         return ca.Function("slope", [*arguments, du], [dy], names, ["dy"], {"cse": True})

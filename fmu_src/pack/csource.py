@@ -47,26 +47,34 @@ def shell() -> str:
     return (Path(__file__).parent / "shell.c").read_text(encoding="utf-8")
 
 
+@cache
+def _called(model: Model) -> dict[str, ca.Function]:
+    """What the shell calls, under the names that it has in C."""
+    found = {}
+    for name, function in (
+        ("step", model.step_function),
+        ("derive", model.derive_function),
+        ("slope", model.slope_function),
+    ):
+        # Never plain `step`: glibc exports a function of that name.
+        called = f"{model.name}_{name}"
+        arguments = symbols_in(function)
+        inline = function.is_a("SXFunction")
+        found[called] = ca.Function(called, arguments, function.call(arguments, inline, not inline))
+    return found
+
+
 def functions(model: Model) -> str:
     """C99 of what the shell calls, with the operation counts in front.
 
     CasADi writes more than that: sparsity patterns, and functions that tell of them. They are left
     out, so that no compiler complains of unused ones.
     """
-    # Never plain `step`: glibc exports a function of that name.
-    called = {
-        f"{model.name}_{name}": function
-        for name, function in (
-            ("step", model.step_function),
-            ("derive", model.derive_function),
-            ("slope", model.slope_function),
-        )
-    }
+    called = _called(model)
     options: Any = {"casadi_int": "int", "with_header": False}
     generator = ca.CodeGenerator("functions.c", options)
-    for name, function in called.items():
-        arguments = symbols_in(function)
-        generator.add(ca.Function(name, arguments, function.call(arguments, True, False)))
+    for function in called.values():
+        generator.add(function)
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(folder + "/")
         text = (Path(folder) / "functions.c").read_text(encoding="utf-8")
@@ -98,7 +106,7 @@ def header(model: Model, guid: str) -> str:
             "PDUYX", ("parameter", "calculatedParameter", "input", "output", "local"), strict=True
         )
     }
-    called = (model.step_function, model.derive_function, model.slope_function)
+    called = _called(model).values()
     work = {
         "SZ_ARG": max(f.sz_arg() for f in called),
         "SZ_RES": max(f.sz_res() for f in called),

@@ -41,7 +41,7 @@ def html(model: Model, flavour: str) -> str:
         flavour: `native` or `python`.
     """
     text = model.documentation
-    derive_count = model.derive_function.n_instructions() if model.derive is not None else 0
+    derive_count = model.operations(model.derive_function) if model.derive is not None else ""
     return _TEMPLATE.render(
         model=model,
         flavour=flavour,
@@ -53,7 +53,7 @@ def html(model: Model, flavour: str) -> str:
         responses=_responses(model),
         papers=[(key, name) for key, name in PAPERS.items() if re.search(rf"\b{key}\b", text)],
         milliseconds=f"{model.sample_period * 1e3:g}",
-        step_count=model.step_function.n_instructions(),
+        step_count=model.operations(model.step_function),
         derive_count=derive_count,
         values=sum(map(len, model.variables.values())),
         stimulated=bool(model.variables["input"]),
@@ -150,7 +150,7 @@ _PAGE = """\
 <dl>
 <dt>Interface</dt><dd>FMI 2.0 for co-simulation, {{ flavour }} flavour, Steadytip {{ version }}</dd>
 <dt>Sample period</dt><dd>{{ milliseconds }} ms</dd>
-<dt>Cost</dt><dd>{{ step_count }} operations a sample
+<dt>Cost</dt><dd>{{ step_count }} a sample
 {%- if derive_count %}, {{ derive_count }} more when a parameter changes{% endif %}</dd>
 <dt>Memory</dt><dd>{{ values }} values, {{ model.state.size() }} of them state</dd>
 <dt>Randomness</dt><dd>{% if model.draws %}{{ model.draws }} draws a sample, fixed by

@@ -27,12 +27,12 @@ def page() -> str:
         "Generated from the models (`make tables`); do not edit. SI units on every port. Arrays are"
         " one row: on ports their elements are `name_x`, `name_1`, among parameters `name[1]`.",
         "",
-        "| model | what it is | sample period | operations a sample |",
+        "| model | what it is | sample period | a sample |",
         "| --- | --- | --- | --- |",
     ]
     for model in models:
         period = f"{model.sample_period * 1e3:g} ms"
-        count = model.step_function.n_instructions()
+        count = model.operations(model.step_function)
         link = f"[{model.name}](#{model.name.lower()})"
         lines.append(f"| {link} | {model.summary} | {period} | {count} |")
     for model in models:

@@ -5,7 +5,8 @@
     A     : v_k = sum A_j v_{k-j} + e_k              least squares with the weights g^(n-k)
     s_k+h = s_k + sum v_{k+1..k+h}                   forecast, v from A, h = 1..AHEAD
     y     = sum_j w_j s_{k+j}                        j = -AHEAD..AHEAD, past and forecast
-    w_j   = T int H(f) cos(2 pi f (j T - h T_s)) df  corrected where intent is, less their mean
+    w_j   = T int Re(G e^(2 pi i f (h T_s - j T))) df  corrected where intent is, less their mean
+    G     = H (1 + v) (1 + v + v^2),  v = -i f_w / f
     H     = 1 / (1 + Q^4),  Q = (t^2 - a b) / ((b - a) t)
             t = tan(pi f T), a and b the same of f_1 and f_2
 
@@ -15,7 +16,8 @@ expectation the best causal estimate of it is that band-pass over the best forec
 there is to learn is the spectrum of the motion. A delay of the loop is a shift of w. Cut off at
 AHEAD strides the weights would let through a percent of a slow motion, which is a hundred times a
 tremor; so they get the least change that gives the response H has at the frequencies INTENT, and a
-constant vanishes, whatever else.
+constant vanishes, whatever else. A position that has been through a third-order Butterworth
+wash-out of corner f_w has that undone in the same weights.
 
 Regressors are OWN strides of the same axis and CROSS of each other one. The matrix of the least
 squares holds sums over products of any two lags, and follows from R and the last velocities: what
@@ -36,6 +38,7 @@ first one that can be trusted; while they cannot be, the motion goes on as it is
 | h T_s | horizon | how far ahead the tremor is wanted |
 | tau | memory | time after which motion is forgotten |
 | f_1, f_2 | lowest, highest | band of tremor |
+| f_w | wash_out | corner of the wash-out that the position has been through |
 | R | correlation | of velocities, (9, OWN + 1) by axes and lag |
 | A | coefficients | of each axis: OWN, then CROSS of the next axis and of the one after |
 | y | tremor | tremor at the time t + horizon |
@@ -78,13 +81,21 @@ SOFTNESS = 1e-2
 """How far that may be missed, so that the response elsewhere changes little."""
 
 
-class Params(Parameters):
-    """Band, horizon and memory."""
+class Learning(Parameters):
+    """Band and memory."""
 
     lowest = real("Hz", "f_1, lower edge of the tremor's band", start=6.0, min=3.0, max=12.0)
     highest = real("Hz", "f_2, upper edge of the tremor's band", start=15.0, min=12.5, max=30.0)
-    horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
     memory = real("s", "tau, time after which motion is forgotten", start=8.0, min=1.0, max=1e3)
+
+
+class Params(Learning):
+    """The same, and what lies between the tip and the position that comes in."""
+
+    horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
+    wash_out = real(
+        "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=2.0
+    )
 
 
 class In(Inputs):
@@ -124,30 +135,48 @@ class Weights(Derived):
 
 def derive(p: Params, T: float) -> Weights:
     """Band-pass for the horizon, and forgetting."""
+    return weights(p, p.horizon, p.wash_out, T)
+
+
+def weights(p: Learning, horizon: Any, wash_out: Any, T: float) -> Weights:
+    """Band-pass for a horizon behind a wash-out, and forgetting.
+
+    Args:
+        p: band and memory.
+        horizon: h T_s [s].
+        wash_out: f_w [Hz], 0 if there is none.
+        T: sample period [s].
+    """
     stride = STRIDE * T
     low, high = (ca.tan(np.pi * f * stride) for f in (p.lowest, p.highest))
 
-    def gain(frequencies: np.ndarray) -> Any:
+    def gain(frequencies: np.ndarray) -> tuple[Any, Any]:
+        """Real and imaginary part of H (1 + v) (1 + v + v^2)."""
         t = np.tan(np.pi * frequencies * stride)
         inside, outside = ((high - low) * ca.DM(t)) ** 4, (ca.DM(t**2) - low * high) ** 4
-        return inside / (inside + outside)
+        share = inside / (inside + outside)
+        with np.errstate(divide="ignore"):
+            lag = wash_out * ca.DM(np.where(frequencies > 0, 1 / frequencies, 0.0))
+        return share * (1 - 2 * lag**2), share * (lag**3 - 2 * lag)
 
     lags = np.arange(-AHEAD, AHEAD + 1) * stride
     step = GRID[1] - GRID[0]
-    phases = 2 * np.pi * (ca.DM(lags) - p.horizon) @ ca.DM(GRID).T
-    weights = 2 * stride * step * ca.cos(phases) @ gain(GRID)
+    phases = 2 * np.pi * (ca.DM(lags) - horizon) @ ca.DM(GRID).T
+    real_part, imaginary = gain(GRID)
+    found = 2 * stride * step * (ca.cos(phases) @ real_part + ca.sin(phases) @ imaginary)
     # Real and imaginary part of the response at the frequencies of intent, by row.
     turns = 2 * np.pi * np.outer(INTENT, lags)
     response = np.vstack((np.cos(turns), np.sin(turns)))
     square = response @ response.T + SOFTNESS * np.eye(len(response))
     correct = np.linalg.solve(square, response).T
-    shift = 2 * np.pi * ca.DM(INTENT) * p.horizon
-    wanted = ca.vertcat(gain(INTENT) * ca.cos(shift), gain(INTENT) * ca.sin(shift))
-    weights -= ca.DM(correct) @ (ca.DM(response) @ weights - wanted)
-    weights -= ca.sum1(weights) / weights.shape[0]
+    c, s = (of(2 * np.pi * ca.DM(INTENT) * horizon) for of in (ca.cos, ca.sin))
+    real_part, imaginary = gain(INTENT)
+    wanted = ca.vertcat(real_part * c - imaginary * s, real_part * s + imaginary * c)
+    found -= ca.DM(correct) @ (ca.DM(response) @ found - wanted)
+    found -= ca.sum1(found) / found.shape[0]
     return Weights(
-        past=weights[AHEAD::-1],
-        later=ca.cumsum(weights[:AHEAD:-1])[::-1],
+        past=found[AHEAD::-1],
+        later=ca.cumsum(found[:AHEAD:-1])[::-1],
         left=ca.exp(-T / p.memory),
     )
 
@@ -225,11 +254,10 @@ def _folder() -> ca.Function:
 SOLVE_AXIS, FOLD_FORECAST = _solver(), _folder()
 
 
-def learn(p: Params, derived: Weights, x: X, T: float) -> tuple[Any, Any, Any]:
+def learn(derived: Weights, x: X, T: float) -> tuple[Any, Any, Any]:
     """Coefficients and fold, a part of them at each of the first samples of a round.
 
     Args:
-        p: parameters.
         derived: weights of the band-pass.
         x: state.
         T: sample period [s].
@@ -260,18 +288,13 @@ def learn(p: Params, derived: Weights, x: X, T: float) -> tuple[Any, Any, Any]:
     return ca.if_else(x.count + 1 >= EVERY, 0, x.count + 1), coefficients, fold
 
 
-def estimate(
-    p: Params, derived: Weights, position: Any, valid: Any, x: X, T: float
-) -> tuple[X, Out]:
-    """One sample of the filter, as a part of a larger model.
+def moved(position: Any, valid: Any, x: X) -> tuple[Any, Any]:
+    """Origin of the motion, (3,) [m], and the motion with this sample, (AXES, HISTORY) [m].
 
     Args:
-        p: parameters.
-        derived: what follows from them.
         position: s, (3,) [m].
-        valid: 1 to learn from this sample, 0 not to.
+        valid: whether it can be trusted.
         x: state.
-        T: sample period [s].
     """
     # Where the motion goes on by itself, a little less each stride.
     there = x.motion[:, STRIDE - 1 :: STRIDE]
@@ -279,23 +302,55 @@ def estimate(
     expected = there[:, 0] + FADING * companion(x.coefficients) @ moves
     origin = ca.if_else(x.tracked, x.origin, position - expected)
     now = ca.if_else(valid, position - origin, expected)
-    motion = ca.horzcat(now, x.motion[:, :-1])
+    return origin, ca.horzcat(now, x.motion[:, :-1])
 
+
+def velocities(motion: Any) -> Any:
+    """v, from stride to stride, newest first, (AXES, OWN + 1) [m]."""
     strides = motion[:, ::STRIDE]
-    velocity = strides[:, : OWN + 1] - ca.horzcat(strides[:, 1 : OWN + 2])
+    return strides[:, : OWN + 1] - strides[:, 1 : OWN + 2]
+
+
+def found(derived: Weights, motion: Any, seen: Any, x: X) -> Any:
+    """y, tremor in a motion, (3,) [m].
+
+    Args:
+        derived: what follows from the parameters.
+        motion: with the present sample, (AXES, HISTORY) [m].
+        seen: time that has been learnt from [s].
+        x: state.
+    """
+    known = motion[:, ::STRIDE][:, : AHEAD + 1] @ derived.past
+    ahead = derived.later[0] * motion[:, 0] + x.fold @ ca.vec(velocities(motion)[:, :OWN])
+    return seen / LEARNING * (known + ahead)
+
+
+def answer(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
+    """Outputs alone of `estimate`."""
+    _, motion = moved(position, valid, x)
+    return Out(tremor=found(derived, motion, ca.fmin(x.seen + valid * T, LEARNING), x))
+
+
+def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tuple[X, Out]:
+    """One sample of the filter, as a part of a larger model.
+
+    Args:
+        derived: what follows from the parameters.
+        position: s, (3,) [m].
+        valid: 1 to learn from this sample, 0 not to.
+        x: state.
+        T: sample period [s].
+    """
+    origin, motion = moved(position, valid, x)
+    velocity = velocities(motion)
     newest = velocity[:, 0]
     products = ca.vertcat(*(ca.mtimes(newest, velocity[b, :]) for b in range(AXES)))
     correlation = derived.left * x.correlation + products
     turn = newest - velocity[:, 1]
     unrest = derived.left * x.unrest + (1 - derived.left) * turn**2
-    count, coefficients, fold = learn(p, derived, x, T)
+    count, coefficients, fold = learn(derived, x, T)
 
     seen = ca.fmin(x.seen + valid * T, LEARNING)
-    found = (
-        strides[:, : AHEAD + 1] @ derived.past
-        + derived.later[0] * now
-        + x.fold @ ca.vec(velocity[:, :OWN])
-    )
     following = X(
         tracked=valid,
         origin=origin,
@@ -307,12 +362,17 @@ def estimate(
         coefficients=coefficients,
         fold=fold,
     )
-    return following, Out(tremor=seen / LEARNING * found)
+    return following, Out(tremor=found(derived, motion, seen, x))
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
     """One sample."""
-    return estimate(p, derived, u.position, u.valid, x, T)
+    return estimate(derived, u.position, u.valid, x, T)
+
+
+def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
+    """Outputs of a sample alone."""
+    return answer(derived, u.position, u.valid, x, T)
 
 
 MODEL = Model(
@@ -326,4 +386,5 @@ MODEL = Model(
     derived=Weights,
     derive=derive,
     matrix=True,
+    answer=outputs,
 )

@@ -119,7 +119,8 @@ def test_page_names_every_field_with_its_unit_and_limits(model, pages) -> None:
 def test_page_tells_sample_period_cost_and_sources(model, pages) -> None:
     text = "".join(pages["native"][1].text)
     assert f"{model.sample_period * 1e3:g} ms" in text
-    assert f"{model.step_function.n_instructions()} operations a sample" in text
+    kind = "matrix operations" if model.matrix else "operations"
+    assert f"{model.step_function.n_instructions()} {kind} a sample" in text
     for key in page.PAPERS:
         cited = f"({key} " in model.documentation or f" {key} " in model.documentation
         assert not cited or page.PAPERS[key] in text
