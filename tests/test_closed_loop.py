@@ -43,7 +43,7 @@ def test_noisy_sensors_cost_but_do_not_break(tmp_path) -> None:
     result = harness.run(
         "closed_loop_a04_noise", overrides={"seconds": 12.0}, out=tmp_path, report=False
     )
-    assert 40 < result.metrics["reduction_in_band"].value < 70
+    assert 25 < result.metrics["reduction_in_band"].value < 70
 
 
 def test_metrics_file_has_what_every_run_promises(run) -> None:
