@@ -43,11 +43,13 @@ def everywhere(tmp_path_factory) -> dict[str, Path]:
 
 
 def test_five_platforms_fit_into_one_mebibyte(everywhere) -> None:
+    """But for the controller, which holds two filters and two operators for each of three stacks."""
     assert set(everywhere) == set(model_names())
     for name, path in everywhere.items():
         inside = {p.split("/")[1] for p in zipfile.ZipFile(path).namelist() if p[:9] == "binaries/"}
         assert inside == set(native.TARGETS)
-        assert path.stat().st_size < MEBIBYTE, name
+        limit = 2 * MEBIBYTE if name == "TremorCanceller" else MEBIBYTE
+        assert path.stat().st_size < limit, name
 
 
 def test_both_apple_folders_hold_one_universal_library(everywhere) -> None:

@@ -16,7 +16,7 @@ STRICT = ["-std=c99", "-O1", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 ZIG = [sys.executable, "-m", "ziglang", "cc"]
 HOSTILE = Path(__file__).with_name("hostile.c")
 # What single precision costs: rms error of an output over that of the output itself.
-SINGLE = {"MicronEstimator": 2e-2, "TremorCanceller": 1e-3}
+SINGLE = {"MicronEstimator": 2e-2, "TremorCanceller": 2e-3}
 
 
 @pytest.fixture(scope="module", params=model_names())
