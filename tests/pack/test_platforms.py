@@ -43,7 +43,7 @@ def everywhere(tmp_path_factory) -> dict[str, Path]:
 
 
 def test_five_platforms_fit_into_one_mebibyte(everywhere) -> None:
-    """But for the controller, which holds two filters and two operators for each of three stacks."""
+    """But for the controller, which holds two filters and two operators for each stack."""
     assert set(everywhere) == set(model_names())
     for name, path in everywhere.items():
         inside = {p.split("/")[1] for p in zipfile.ZipFile(path).namelist() if p[:9] == "binaries/"}
