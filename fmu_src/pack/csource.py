@@ -3,6 +3,7 @@
 Together with `shell.c` they are the whole FMU: `fmu.c` includes the other three.
 """
 
+import math
 import re
 import tempfile
 from collections.abc import Collection
@@ -114,6 +115,10 @@ def header(model: Model, guid: str) -> str:
         "SZ_W": max(f.sz_w() for f in called),
     }
     names = [scalar.name for scalar in groups["parameter"]]
+    every = [scalar.field for group in groups.values() for scalar in group]
+    loose = len(every)
+    while loose and not every[loose - 1].listed and every[loose - 1].max == math.inf:
+        loose -= 1
     lines = [
         "/* Generated from the model's records; do not edit. */",
         "#include <float.h>",
@@ -124,6 +129,7 @@ def header(model: Model, guid: str) -> str:
         f"#define MODEL_SLOPE {model.name}_slope",
         *(f"#define N_{letter} {size}" for letter, size in sizes.items()),
         f"#define N_R {model.draws}",
+        f"#define AT_LOOSE {loose}",
         *([f"#define AT_SEED {names.index('seed')}"] if model.draws else []),
         *(f"#define {name} {size}" for name, size in work.items()),
         "typedef enum { REAL, INTEGER, BOOLEAN, STRING } Type;",

@@ -39,6 +39,7 @@ typedef double Real;
 #define N_Y 0
 #define N_X 0
 #define N_R 0
+#define AT_LOOSE 0
 #define SZ_ARG 6
 #define SZ_RES 2
 #define SZ_IW 0
