@@ -15,7 +15,7 @@ import casadi as ca
 
 from fmu_src.kit import Model
 from fmu_src.kit.model import symbols_in
-from fmu_src.kit.records import Scalar
+from fmu_src.kit.records import Field, Scalar
 
 ENTRY = "fmu.c"
 SINGLE_PRECISION = "STEADYTIP_FLOAT"
@@ -98,6 +98,10 @@ def _kept(found: re.Match[str], names: Collection[str]) -> str:
     return found[0].replace("CASADI_SYMBOL_EXPORT", "static") if found[1] in names else ""
 
 
+def _is_loose(field: Field) -> bool:
+    return not field.listed and field.min == -math.inf and field.max == math.inf
+
+
 def header(model: Model, guid: str) -> str:
     """`model.h`: sizes, names and the table of variables in the order of the value references."""
     groups = model.variables
@@ -116,8 +120,8 @@ def header(model: Model, guid: str) -> str:
     }
     names = [scalar.name for scalar in groups["parameter"]]
     every = [scalar.field for group in groups.values() for scalar in group]
-    loose = len(every)
-    while loose and not every[loose - 1].listed and every[loose - 1].max == math.inf:
+    loose = len(every)  # from here on there is only memory that nobody sees, without limits
+    while loose and _is_loose(every[loose - 1]):
         loose -= 1
     lines = [
         "/* Generated from the model's records; do not edit. */",
