@@ -46,8 +46,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit import Derived, Model, Parameters, State, boolean, real
 from fmu_src.tremor import phasors
+from fmu_src.tremor.ports import HORIZON, WASH_OUT, In, Out
 from fmu_src.tremor.wflc_flc import high_pass
 
 TONES = 13
@@ -66,10 +67,8 @@ class BmflcParams(Parameters):
     )
     memory = real("s", "tau_m, within which weights fade", start=0.1, min=0.01, max=1000.0)
     corner = real("Hz", "f_c, corner of the high-passes", start=10.0, min=0.5, max=20.0)
-    wash_out = real(
-        "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
-    )
-    horizon = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
+    wash_out: Any = WASH_OUT
+    horizon: Any = HORIZON
 
 
 class Factors(Derived):
@@ -81,13 +80,6 @@ class Factors(Derived):
     ahead = real(None, "the same, wash-out undone and a horizon ahead", shape=2 * TONES)
 
 
-class In(Inputs):
-    """Motion of the tip."""
-
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
-    valid = boolean("whether the position can be trusted", start=True)
-
-
 class BmflcState(State):
     """Memories of the filters."""
 
@@ -96,12 +88,6 @@ class BmflcState(State):
     motion = real("m", "position less origin", shape=3)
     high = real("m", "memory of the high-passes", shape=(HIGH_PASS_ORDER, 3))
     phasors = real("m", "z, weights turned to now", shape=(2 * TONES, 3))
-
-
-class Out(Outputs):
-    """The tremor."""
-
-    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
 
 
 def derive(p: BmflcParams, T: float) -> Factors:

@@ -44,8 +44,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit import Derived, Model, State, boolean, real
 from fmu_src.tremor import phasors
+from fmu_src.tremor.ports import In, Out, Surroundings
 
 FREQUENCIES = np.arange(6.0, 14.1, 0.5)
 """f_i [Hz]."""
@@ -62,26 +63,10 @@ INTENT_NOISE = 2.25e7
 """Density of the acceleration's noise [1/s3], that of the position being 1; tuned."""
 
 
-class BmflcKfParams(Parameters):
-    """Horizon, and what has been done to the position before."""
-
-    wash_out = real(
-        "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
-    )
-    horizon = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
-
-
 class Factors(Derived):
     """Complex factors, real over imaginary parts."""
 
     ahead = real(None, "from the phasors to the tremor at t + h", shape=2 * TONES)
-
-
-class In(Inputs):
-    """Motion of the tip."""
-
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
-    valid = boolean("whether the position can be trusted", start=True)
 
 
 class BmflcKfState(State):
@@ -92,12 +77,6 @@ class BmflcKfState(State):
     place = real("m", "first of v, place of the intent", shape=3)
     speed = real("m/s", "second of v, its speed", shape=3)
     phasors = real("m", "z, tones", shape=(2 * TONES, 3))
-
-
-class Out(Outputs):
-    """The tremor."""
-
-    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
 
 
 @cache
@@ -111,7 +90,7 @@ def gains(T: float) -> tuple[np.ndarray, np.ndarray]:
     )
 
 
-def derive(p: BmflcKfParams, T: float) -> Factors:
+def derive(p: Surroundings, T: float) -> Factors:
     """Factors of the phasors."""
     return Factors(
         ahead=ca.vertcat(*phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, p.wash_out))
@@ -146,7 +125,7 @@ def estimate(
 
 
 def step(
-    p: BmflcKfParams, u: In, x: BmflcKfState, T: float, derived: Factors
+    p: Surroundings, u: In, x: BmflcKfState, T: float, derived: Factors
 ) -> tuple[BmflcKfState, Out]:
     """One sample."""
     return estimate(derived, u.position, u.valid, x, T)
@@ -155,7 +134,7 @@ def step(
 MODEL = Model(
     "BmflcKf",
     step,
-    BmflcKfParams,
+    Surroundings,
     In,
     BmflcKfState,
     Out,

@@ -50,8 +50,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit import Derived, Model, State, boolean, real
 from fmu_src.tremor import phasors
+from fmu_src.tremor.ports import In, Out, Surroundings
 
 FREQUENCIES = np.arange(3.0, 20.1, 0.75)
 """f_i [Hz]."""
@@ -76,26 +77,10 @@ BAND = (5.75, 16.5)
 """f_a, f_b [Hz]; tuned."""
 
 
-class OscillatorParams(Parameters):
-    """Horizon, and what has been done to the position before."""
-
-    wash_out = real(
-        "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
-    )
-    horizon = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
-
-
 class Factors(Derived):
     """Complex factors, real over imaginary parts."""
 
     ahead = real(None, "from the phasors to the tremor at t + h", shape=2 * TONES)
-
-
-class In(Inputs):
-    """Motion of the tip."""
-
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
-    valid = boolean("whether the position can be trusted", start=True)
 
 
 class OscillatorState(State):
@@ -107,12 +92,6 @@ class OscillatorState(State):
     speed = real("m/s", "second of v, its speed", shape=3)
     acceleration = real("m/s2", "third of v, its acceleration", shape=3)
     phasors = real("m", "z, oscillators", shape=(2 * TONES, 3))
-
-
-class Out(Outputs):
-    """The tremor."""
-
-    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
 
 
 @cache
@@ -135,7 +114,7 @@ def share() -> np.ndarray:
     return 1 / (1 + beside**8)
 
 
-def derive(p: OscillatorParams, T: float) -> Factors:
+def derive(p: Surroundings, T: float) -> Factors:
     """Factors of the phasors."""
     parts = phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, p.wash_out)
     return Factors(ahead=ca.vertcat(*(ca.DM(share()) * part for part in parts)))
@@ -176,7 +155,7 @@ def estimate(
 
 
 def step(
-    p: OscillatorParams, u: In, x: OscillatorState, T: float, derived: Factors
+    p: Surroundings, u: In, x: OscillatorState, T: float, derived: Factors
 ) -> tuple[OscillatorState, Out]:
     """One sample."""
     return estimate(derived, u.position, u.valid, x, T)
@@ -185,7 +164,7 @@ def step(
 MODEL = Model(
     "IntentOscillators",
     step,
-    OscillatorParams,
+    Surroundings,
     In,
     OscillatorState,
     Out,

@@ -39,9 +39,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real
-from fmu_src.tremor import flc, wflc
+from fmu_src.kit import Model, Parameters, State, boolean, real
+from fmu_src.tremor import flc, ports, wflc
 from fmu_src.tremor.elliptic import EllipticState, band_pass
+from fmu_src.tremor.ports import HORIZON, WASH_OUT, In
 
 HIGH_PASS_ORDER = 2
 """Tuned: of one, two and three the best on the recordings."""
@@ -53,17 +54,8 @@ class WflcFlcParams(Parameters):
     wflc: Any = wflc.WflcParams
     flc: Any = flc.FlcParams.starting(time_constant=0.08)
     corner = real("Hz", "f_c, corner of the high-passes", start=5.0, min=0.5, max=10.0)
-    wash_out = real(
-        "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
-    )
-    horizon = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
-
-
-class In(Inputs):
-    """Motion of the tip."""
-
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
-    valid = boolean("whether the position can be trusted", start=True)
+    wash_out: Any = WASH_OUT
+    horizon: Any = HORIZON
 
 
 class WflcFlcState(State):
@@ -78,10 +70,9 @@ class WflcFlcState(State):
     weights = real("m", "w, Fourier coefficients of the FLC", shape=(2 * flc.HARMONICS, 3))
 
 
-class Out(Outputs):
-    """The tremor."""
+class Out(ports.Out):
+    """The tremor, and its frequency."""
 
-    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
     frequency = real("Hz", "f, its frequency", shape=3, axes="xyz")
 
 

@@ -1,0 +1,36 @@
+"""Ports and parameters that the filters from a position to its tremor have in common.
+
+| symbol | field | meaning |
+| --- | --- | --- |
+| s | position | tip position, intent and tremor together |
+| f_w | wash_out | corner of a wash-out that the position has been through |
+| h | horizon | how far ahead the tremor is wanted |
+| y | tremor | tremor at the time t + h |
+"""
+
+from fmu_src.kit import Inputs, Outputs, Parameters, boolean, real
+
+WASH_OUT = real(
+    "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
+)
+HORIZON = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
+
+
+class Surroundings(Parameters):
+    """What has been done to the position before, and when the tremor is wanted."""
+
+    wash_out = WASH_OUT
+    horizon = HORIZON
+
+
+class In(Inputs):
+    """Motion of the tip."""
+
+    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
+    valid = boolean("whether the position can be trusted", start=True)
+
+
+class Out(Outputs):
+    """The tremor."""
+
+    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
