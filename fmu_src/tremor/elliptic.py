@@ -15,6 +15,7 @@ is three second-order sections, run in the transposed direct form II:
 | a, b | `sections` | coefficients for the sample period T |
 """
 
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -63,10 +64,25 @@ def band_pass(position: Any, x: EllipticState, T: float) -> tuple[EllipticState,
     Returns:
         New memory, and the filtered position, (3,) [m].
     """
+    memory, y = cascade(position, x.memory, np.delete(sections(T), 3, axis=1))
+    return EllipticState(memory=memory), y
+
+
+def cascade(s: Any, memory: Any, coefficients: Iterable[Any]) -> tuple[Any, Any]:
+    """Sections of second order in a row, one sample.
+
+    Args:
+        s: input, (3,) [m].
+        memory: m1 and m2 of each section, (2 sections, 3) [m].
+        coefficients: b0, b1, b2, a1, a2 of each section.
+
+    Returns:
+        New memory, and the output, (3,) [m].
+    """
     rows = []
-    y = position
-    for i, (b0, b1, b2, _, a1, a2) in enumerate(sections(T)):
-        s, m1, m2 = y, x.memory[2 * i, :].T, x.memory[2 * i + 1, :].T
+    for i, (b0, b1, b2, a1, a2) in enumerate(coefficients):
+        m1, m2 = memory[2 * i, :].T, memory[2 * i + 1, :].T
         y = b0 * s + m1
         rows += [b1 * s - a1 * y + m2, b2 * s - a2 * y]
-    return EllipticState(memory=ca.horzcat(*rows).T), y
+        s = y
+    return ca.horzcat(*rows).T, s

@@ -5,19 +5,13 @@
     A     : v_k = sum A_j v_{k-j} + e_k              least squares with the weights g^(n-k)
     s_k+h = s_k + sum v_{k+1..k+h}                   forecast, v from A, h = 1..AHEAD
     y     = sum_j w_j s_{k+j}                        j = -AHEAD..AHEAD, past and forecast
-    w_j   = T int Re(G e^(2 pi i f (h T_s - j T))) df  corrected where intent is, less their mean
-    G     = H (1 + v) (1 + v + v^2),  v = -i f_w / f
-    H     = 1 / (1 + Q^4),  Q = (t^2 - a b) / ((b - a) t)
-            t = tan(pi f T), a and b the same of f_1 and f_2
 
 What is called tremor here is the motion behind a zero-phase Butterworth band-pass of second order,
-f_1 to f_2, H its squared gain: half of its window lies in the future. By the law of total
-expectation the best causal estimate of it is that band-pass over the best forecast, so that all
-there is to learn is the spectrum of the motion. A delay of the loop is a shift of w. Cut off at
-AHEAD strides the weights would let through a percent of a slow motion, which is a hundred times a
-tremor; so they get the least change that gives the response H has at the frequencies INTENT, and a
-constant vanishes, whatever else. A position that has been through a third-order Butterworth
-wash-out of corner f_w has that undone in the same weights.
+f_1 to f_2, whose weights w are those of `zero_phase`: half of its window lies in the future. By the
+law of total expectation the best causal estimate of it is that band-pass over the best forecast, so
+that all there is to learn is the spectrum of the motion. A delay of the loop is a shift of w. A
+slow motion hardly passes and a constant not at all, and a third-order Butterworth wash-out of
+corner f_w, which the position has been through, is undone, all in the same weights.
 
 Regressors are OWN strides of the same axis and CROSS of each other one. The matrix of the least
 squares holds sums over products of any two lags, and follows from R and the last velocities: what
@@ -28,8 +22,8 @@ the second differences are. Since y is linear in the last velocities, the foreca
 one row for each axis whenever A is new, by running the recursion backwards once; a sample costs
 little. A new A takes four samples, so that none takes long: three solutions and the fold.
 
-The memory, INTENT and SOFTNESS were chosen on ten recordings of hands, one value for all; nothing
-is trained on any. A memory of 7 to 15 s changes the reductions there by a tenth of a point.
+The memory was chosen on ten recordings of hands, one value for all; nothing is trained on any. A
+memory of 7 to 15 s changes the reductions there by a tenth of a point.
 
 It needs a second and a half of motion: until then the output fades in. Positions count from the
 first one that can be trusted; while they cannot be, the motion goes on as it is forecast, fading.
@@ -52,7 +46,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit import Derived, Model, Outputs, State, boolean, real
+from fmu_src.tremor import zero_phase
+from fmu_src.tremor.ports import In
 
 SAMPLE_PERIOD = 1e-3
 STRIDE = 4
@@ -75,20 +71,12 @@ LEAST_MOVE = 1e-9
 """Second difference below which nothing moves [m]."""
 SIZE = OWN + 2 * CROSS
 HISTORY = STRIDE * AHEAD + 1
-GRID = (np.arange(64) + 0.5) / 64 * 60.0
-"""Frequencies at which the band-pass is summed up [Hz]."""
 AXES = 3
-INTENT = np.arange(0.0, 3.1, 0.5)
-"""Frequencies at which the response of the weights is held [Hz]."""
-SOFTNESS = 1e-2
-"""How far that may be missed, so that the response elsewhere changes little."""
 
 
-class Learning(Parameters):
+class Learning(zero_phase.Band):
     """Band and memory."""
 
-    lowest = real("Hz", "f_1, lower edge of the tremor's band", start=6.0, min=3.0, max=12.0)
-    highest = real("Hz", "f_2, upper edge of the tremor's band", start=15.0, min=12.5, max=30.0)
     memory = real("s", "tau, time after which motion is forgotten", start=8.0, min=1.0, max=1e3)
 
 
@@ -99,13 +87,6 @@ class Params(Learning):
     wash_out = real(
         "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=2.0
     )
-
-
-class In(Inputs):
-    """Motion of the tip."""
-
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
-    valid = boolean("whether the position can be trusted", start=True)
 
 
 class X(State):
@@ -150,38 +131,8 @@ def weights(p: Learning, horizon: Any, wash_out: Any, T: float) -> Weights:
         wash_out: f_w [Hz], 0 if there is none.
         T: sample period [s].
     """
-    stride = STRIDE * T
-    low, high = (ca.tan(np.pi * f * stride) for f in (p.lowest, p.highest))
-
-    def gain(frequencies: np.ndarray) -> tuple[Any, Any]:
-        """Real and imaginary part of H (1 + v) (1 + v + v^2)."""
-        t = np.tan(np.pi * frequencies * stride)
-        inside, outside = ((high - low) * ca.DM(t)) ** 4, (ca.DM(t**2) - low * high) ** 4
-        share = inside / (inside + outside)
-        with np.errstate(divide="ignore"):
-            lag = wash_out * ca.DM(np.where(frequencies > 0, 1 / frequencies, 0.0))
-        return share * (1 - 2 * lag**2), share * (lag**3 - 2 * lag)
-
-    lags = np.arange(-AHEAD, AHEAD + 1) * stride
-    step = GRID[1] - GRID[0]
-    phases = 2 * np.pi * (ca.DM(lags) - horizon) @ ca.DM(GRID).T
-    real_part, imaginary = gain(GRID)
-    found = 2 * stride * step * (ca.cos(phases) @ real_part + ca.sin(phases) @ imaginary)
-    # Real and imaginary part of the response at the frequencies of intent, by row.
-    turns = 2 * np.pi * np.outer(INTENT, lags)
-    response = np.vstack((np.cos(turns), np.sin(turns)))
-    square = response @ response.T + SOFTNESS * np.eye(len(response))
-    correct = np.linalg.solve(square, response).T
-    c, s = (of(2 * np.pi * ca.DM(INTENT) * horizon) for of in (ca.cos, ca.sin))
-    real_part, imaginary = gain(INTENT)
-    wanted = ca.vertcat(real_part * c - imaginary * s, real_part * s + imaginary * c)
-    found -= ca.DM(correct) @ (ca.DM(response) @ found - wanted)
-    found -= ca.sum1(found) / found.shape[0]
-    return Weights(
-        past=found[AHEAD::-1],
-        later=ca.cumsum(found[:AHEAD:-1])[::-1],
-        left=ca.exp(-T / p.memory),
-    )
+    past, later = zero_phase.taps(p, horizon, wash_out, STRIDE * T, AHEAD)
+    return Weights(past=past, later=later, left=ca.exp(-T / p.memory))
 
 
 def _solver() -> ca.Function:

@@ -1,0 +1,91 @@
+"""Zero-phase band-pass over past and future strides: what is called tremor, as weights.
+
+    y   = sum_j w_j s_{k+j}                          j = -n..n, past and forecast
+    w_j = T int Re(G e^(2 pi i f (h T_s - j T))) df  corrected where intent is, less their mean
+    G   = H (1 + v) (1 + v + v^2),  v = -i f_w / f
+    H   = 1 / (1 + Q^4),  Q = (t^2 - a b) / ((b - a) t)
+          t = tan(pi f T), a and b the same of f_1 and f_2
+
+H is the squared gain of a Butterworth band-pass of second order: the band-pass run forwards and
+backwards. A delay of the loop is a shift of w. Cut off at n strides the weights would let through
+a percent of a slow motion, which is a hundred times a tremor; so they get the least change that
+gives the response H has at the frequencies INTENT, and a constant vanishes, whatever else. A
+position that has been through a third-order Butterworth wash-out of corner f_w has that undone in
+the same weights.
+
+INTENT and SOFTNESS were chosen on ten recordings of hands.
+
+| symbol | field or argument | meaning |
+| --- | --- | --- |
+| s | | position |
+| T, T_s | stride | stride, sample period |
+| n | ahead | strides that the weights reach, both ways |
+| h T_s | horizon | how far ahead the tremor is wanted |
+| f_1, f_2 | lowest, highest | band of tremor |
+| f_w | wash_out | corner of the wash-out that the position has been through |
+| y | | tremor at the time t + horizon |
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_src.kit import Parameters, real
+
+GRID = (np.arange(64) + 0.5) / 64 * 60.0
+"""Frequencies at which the band-pass is summed up [Hz]."""
+INTENT = np.arange(0.0, 3.1, 0.5)
+"""Frequencies at which the response of the weights is held [Hz]."""
+SOFTNESS = 1e-2
+"""How far that may be missed, so that the response elsewhere changes little."""
+
+
+class Band(Parameters):
+    """Where tremor is."""
+
+    lowest = real("Hz", "f_1, lower edge of the tremor's band", start=6.0, min=3.0, max=12.0)
+    highest = real("Hz", "f_2, upper edge of the tremor's band", start=15.0, min=12.5, max=30.0)
+
+
+def taps(p: Band, horizon: Any, wash_out: Any, stride: float, ahead: int) -> tuple[Any, Any]:
+    """Weights w of the past, and of a forecast that comes as moves from stride to stride.
+
+    Args:
+        p: band.
+        horizon: h T_s [s].
+        wash_out: f_w [Hz], 0 if there is none.
+        stride: T [s].
+        ahead: n.
+
+    Returns:
+        w of now and before, newest first, (n + 1,); and the sums of w from each stride ahead on,
+        (n,): the first of them is the weight of now in a forecast, too.
+    """
+    low, high = (ca.tan(np.pi * f * stride) for f in (p.lowest, p.highest))
+
+    def gain(frequencies: np.ndarray) -> tuple[Any, Any]:
+        """Real and imaginary part of H (1 + v) (1 + v + v^2)."""
+        t = np.tan(np.pi * frequencies * stride)
+        inside, outside = ((high - low) * ca.DM(t)) ** 4, (ca.DM(t**2) - low * high) ** 4
+        share = inside / (inside + outside)
+        with np.errstate(divide="ignore"):
+            lag = wash_out * ca.DM(np.where(frequencies > 0, 1 / frequencies, 0.0))
+        return share * (1 - 2 * lag**2), share * (lag**3 - 2 * lag)
+
+    lags = np.arange(-ahead, ahead + 1) * stride
+    step = GRID[1] - GRID[0]
+    phases = 2 * np.pi * (ca.DM(lags) - horizon) @ ca.DM(GRID).T
+    real_part, imaginary = gain(GRID)
+    found = 2 * stride * step * (ca.cos(phases) @ real_part + ca.sin(phases) @ imaginary)
+    # Real and imaginary part of the response at the frequencies of intent, by row.
+    turns = 2 * np.pi * np.outer(INTENT, lags)
+    response = np.vstack((np.cos(turns), np.sin(turns)))
+    square = response @ response.T + SOFTNESS * np.eye(len(response))
+    correct = np.linalg.solve(square, response).T
+    c, s = (of(2 * np.pi * ca.DM(INTENT) * horizon) for of in (ca.cos, ca.sin))
+    real_part, imaginary = gain(INTENT)
+    wanted = ca.vertcat(real_part * c - imaginary * s, real_part * s + imaginary * c)
+    found -= ca.DM(correct) @ (ca.DM(response) @ found - wanted)
+    found -= ca.sum1(found) / found.shape[0]
+    return found[ahead::-1], ca.cumsum(found[:ahead:-1])[::-1]
