@@ -84,9 +84,7 @@ class Params(Learning):
     """The same, and what lies between the tip and the position that comes in."""
 
     horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
-    wash_out = real(
-        "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=2.0
-    )
+    wash_out: Any = zero_phase.WASH_OUT
 
 
 class X(State):

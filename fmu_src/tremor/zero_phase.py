@@ -40,6 +40,11 @@ INTENT = np.arange(0.0, 3.1, 0.5)
 SOFTNESS = 1e-2
 """How far that may be missed, so that the response elsewhere changes little."""
 
+WASH_OUT = real(
+    "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=2.0
+)
+"""As far as the weights can undo it."""
+
 
 class Band(Parameters):
     """Where tremor is."""
