@@ -1,11 +1,11 @@
 """Fixed shelving filter: what lies about the tremor's frequency is cut, nothing is learnt.
 
     S   = 1 - K B^2                                  the tip behind the filter
-    B   = (s t_0 / q) / (s^2 + s t_0 / q + t_0^2)    s = (1 - z^-1) / (1 + z^-1)
+    B   = (c t_0 / q) / (c^2 + c t_0 / q + t_0^2)    c = (1 - z^-1) / (1 + z^-1), bilinear
     y   = K' B^2 s                                   the tremor: position less shelved position
     t_m = tan(pi f_m T)
     W   = (1 + v) (1 + v + v^2),  v = -i f_w / f_m   wash-out undone
-    phi = (2 pi f_m h + arg W) / 2                   lead wanted of each section at f_m
+    phi = (2 pi f_m h + arg W) / 2                   lead of a section at f_m, up to LARGEST_LEAD
     t_0 = t_m (r + sqrt(1 + r^2)),  r = tan(phi) / (2 q)
     K'  = K |W| / cos(phi)^2
 
@@ -16,15 +16,14 @@ tremor is then a high-pass, and that leads at the tremor's frequency while it mu
 ends above the tremor, too: two equal second-order sections, whose phase passes through nought at
 f_m. It is a baseline, and the answer to what adaptation is worth.
 
-Since the phase of a section is known and falls with the frequency, a lead at f_m is had by placing
-t_0 above it: exact for a tone of f_m, for any horizon and behind any wash-out, with K there. At
-other frequencies a fixed filter can look ahead only as far as its phase allows: tones of 8 and
-12 Hz come out with an error of some 35 degrees either way. The shift makes the cut wider above the
-tremor, and less of intent passes: a horizon costs reduction in the band, and hardly any
-a-posteriori. Beyond 20 ms more noise than tremor comes out.
+The phase of a section is known and falls with the frequency, so a lead at f_m is had by placing t_0
+above it: exact for a tone of f_m, up to LARGEST_LEAD, which is a horizon of 34 ms. A fixed filter
+cannot look ahead at other frequencies, too: tones of 8 and 12 Hz come out at 0.7 of their size and
+with 30 degrees of error either way, 40 with a horizon. The shift widens the cut above the tremor,
+and less of intent passes: a horizon costs reduction in the band, and hardly any a-posteriori.
 
-gain = K is the trade-off: of a hand's tremor a part is beyond a fixed filter's phase, so that one
-cancels less than all. A gain of 1 cancels a tone of f_m without remainder and disturbs intent more.
+The gain is the trade-off. Of a hand's tremor a part is beyond a fixed filter's phase, so that K is
+below one; with a gain of 1 a tone of f_m leaves nothing, and intent is disturbed more.
 
 While the position is not valid, motion stands still and the output dies away; afterwards positions
 count from where it stood, so that no step is seen.
@@ -61,6 +60,8 @@ QUALITY = 0.62
 """q; tuned."""
 SECTIONS = 2
 """Tuned: of one, two and three the best on the recordings."""
+LARGEST_LEAD = np.pi / 3
+"""phi at most [rad]: beyond it noise above the tremor comes out larger than it went in."""
 
 
 class Params(Surroundings):
@@ -89,7 +90,8 @@ class X(State):
 def derive(p: Params, T: float) -> Cut:
     """Place and gain of the sections."""
     whole = phasors.wash_out_undone(p.wash_out, CENTRE)
-    lead = (2 * np.pi * CENTRE * p.horizon + ca.atan2(whole[1], whole[0])) / SECTIONS
+    wanted = (2 * np.pi * CENTRE * p.horizon + ca.atan2(whole[1], whole[0])) / SECTIONS
+    lead = ca.fmin(wanted, LARGEST_LEAD)
     r = ca.tan(lead) / (2 * QUALITY)
     centre = np.tan(np.pi * CENTRE * T) * (r + ca.sqrt(1 + r**2))
     width = centre / QUALITY

@@ -6,7 +6,6 @@ import pytest
 from fmu_src.kit import Runner
 from fmu_src.tremor import var_forecaster
 from fmu_src.tremor.var_forecaster import AHEAD, CROSS, LEARNING, MODEL, OWN, STRIDE
-from harness.parts.recording import recordings
 from harness.reproduce.bench import tremor as bench
 
 T = 1e-3
@@ -22,11 +21,6 @@ def tones(seconds, frequency=(9.0, 10.0, 11.0), size=30e-6):
     n = round(seconds / T)
     turn = 2 * np.pi * T * np.cumsum(np.broadcast_to(frequency, (n, 3)), axis=0)
     return size * np.sin(turn)
-
-
-@pytest.fixture(scope="module")
-def hands(data_dir):
-    return [bench.recorded(path) for path in recordings([data_dir / "hand_motion_m2s2"])]
 
 
 def reduction(hands, delay=0, added=lambda t: 0.0, noise=0.0):
@@ -228,20 +222,3 @@ def test_the_output_fades_in_while_it_learns():
     assert np.abs(found[:50]).max() < 0.1 * 30e-6
     assert LEARNING == 1.5
     assert np.abs(found[1500:]).max() > 0.9 * 30e-6
-
-
-@pytest.mark.slow
-def test_thirty_minutes_of_tremor_without_growth():
-    """Intent, tremor and noise at 1 kHz; the last minute is as good as the second."""
-    minute = 60_000
-    runner, left = Runner(MODEL), []
-    rng = np.random.default_rng(9)
-    for k in range(30):
-        t = 60.0 * k + T * np.arange(minute)
-        tone = 30e-6 * np.sin(2 * np.pi * np.outer(t, [9.0, 10.0, 11.0]))
-        position = tone + slow_sine(t) + 0.3e-6 * rng.standard_normal((minute, 3))
-        found = runner.run(minute, {"position": position})["tremor"]
-        assert np.all(np.isfinite(runner.x))
-        left.append(np.std(tone - found))
-    assert left[-1] < 1.1 * left[1]
-    assert left[-1] < 0.1 * np.std(tone)
