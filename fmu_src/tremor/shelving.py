@@ -9,12 +9,12 @@
     t_0 = t_m (r + sqrt(1 + r^2)),  r = tan(phi) / (2 q)
     K'  = K |W| / cos(phi)^2
 
-Instruments with a fixed filter shelve: they let slow motion pass whole and scale down what is
-faster, as R. A. MacLachlan and others, *Micron: An Actively Stabilized Handheld Tool for
-Microsurgery* (2012), do, so that the hand still feels that it leads the tip. What cancels the
-tremor is then a high-pass, and that leads at the tremor's frequency while it must not. Here the cut
-ends above the tremor, too: two equal second-order sections, whose phase passes through nought at
-f_m. It is a baseline, and the answer to what adaptation is worth.
+Instruments with a fixed filter shelve: slow motion passes whole, what is faster is scaled down, and
+eye and hand keep working together; so do R. A. MacLachlan and others, *Micron: An Actively
+Stabilized Handheld Tool for Microsurgery* (2012). What cancels the tremor is then a high-pass,
+which leads at the tremor's frequency while it must not. Here the cut ends above the tremor, too:
+two equal second-order sections, whose phase passes through nought at f_m. It is a baseline, and the
+answer to what adaptation is worth.
 
 The phase of a section is known and falls with the frequency, so a lead at f_m is had by placing t_0
 above it: exact for a tone of f_m, up to LARGEST_LEAD, which is a horizon of 34 ms. A fixed filter
@@ -61,7 +61,7 @@ QUALITY = 0.62
 SECTIONS = 2
 """Tuned: of one, two and three the best on the recordings."""
 LARGEST_LEAD = np.pi / 3
-"""phi at most [rad]: beyond it noise above the tremor comes out larger than it went in."""
+"""phi at most [rad]: above the tremor the gain reaches 3 there, and would grow on."""
 
 
 class Params(Surroundings):
@@ -75,7 +75,7 @@ class Cut(Derived):
 
     b = real(None, "b, numerator of a section")
     a = real(None, "a_1 and a_2, denominator of a section", shape=2)
-    gain = real(None, "K', gain behind the sections")
+    behind = real(None, "K', gain behind the sections")
 
 
 class X(State):
@@ -99,7 +99,7 @@ def derive(p: Params, T: float) -> Cut:
     return Cut(
         b=width / scale,
         a=ca.vertcat(2 * (centre**2 - 1), 1 - width + centre**2) / scale,
-        gain=p.gain * ca.sqrt(whole[0] ** 2 + whole[1] ** 2) / ca.cos(lead) ** SECTIONS,
+        behind=p.gain * ca.sqrt(whole[0] ** 2 + whole[1] ** 2) / ca.cos(lead) ** SECTIONS,
     )
 
 
@@ -109,7 +109,7 @@ def step(p: Params, u: In, x: X, T: float, derived: Cut) -> tuple[X, Out]:
     section: Any = (derived.b, 0.0, -derived.b, derived.a[0], derived.a[1])
     memory, cut = elliptic.cascade(motion, x.memory, [section] * SECTIONS)
     following = X(tracked=u.valid, origin=origin, motion=motion, memory=memory)
-    return following, Out(tremor=derived.gain * cut)
+    return following, Out(tremor=derived.behind * cut)
 
 
 MODEL = Model("Shelving", step, Params, In, X, Out, sample_period=1e-3, derived=Cut, derive=derive)
