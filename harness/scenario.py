@@ -5,14 +5,18 @@ A scenario is TOML. Keys of the file:
 | key | unit | meaning |
 | --- | --- | --- |
 | title | | one line for people |
-| extends | | scenario that this one changes: parts merge per key, wires are appended |
+| extends | | scenario that this one changes, or a list of them, one laid over the other |
 | seconds | s | simulated time |
 | step | s | period of the loop |
 | settle | s | left out of the metrics at the start |
 | seed | | all randomness of the run follows from it |
 | part.NAME | | one member of the loop: one key of `harness.parts.kinds()`, and its settings |
+| variant.NAME | | what one variant changes, as `extends` does; `steadytip run` compares them |
 | wire | | list of `from`, `to` (`part.port`; a `*` is the same text on both sides), `delay` |
 | signals | | what the metrics and the report read: role = port, pattern (`*`, `?`) or list |
+
+Laid over another table, parts and variants merge per key; a wire takes the place of one with the
+same `to`, or is appended.
 
 Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]) and
 `motion` (a recording that is streamed into the part's inputs `recorded_*`).
@@ -108,6 +112,7 @@ class _File(_Strict):
     part: dict[str, _Common]
     wire: list[_Wire] = []
     signals: Signals = Signals()
+    variant: dict[str, Any] = {}
 
 
 @dataclass(frozen=True)
@@ -135,6 +140,8 @@ class Scenario:
         name: file name without its ending.
         texts: (name, text) of the files that it was read from, the most basic one first.
         overrides: what replaced values of the files.
+        variant: which of the file's variants this is; None if it is none of them.
+        variants: all of them.
     """
 
     name: str
@@ -148,6 +155,8 @@ class Scenario:
     signals: Signals
     texts: tuple[tuple[str, str], ...]
     overrides: Mapping[str, Any] = field(default_factory=dict)
+    variant: str | None = None
+    variants: tuple[str, ...] = ()
 
 
 def available() -> list[str]:
@@ -155,19 +164,30 @@ def available() -> list[str]:
     return sorted(Path(str(item)).stem for item in _SHIPPED.iterdir() if item.name[-5:] == ".toml")
 
 
-def load(scenario: str | os.PathLike[str], overrides: Mapping[str, Any] | None = None) -> Scenario:
+def load(
+    scenario: str | os.PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    variant: str | None = None,
+) -> Scenario:
     """Read, merge and check a scenario.
 
     Args:
         scenario: path of a TOML file, or the name of a shipped one.
         overrides: values by dotted key, `part.hand.seed`, put in place of the file's.
+        variant: which of its variants; the scenario without any if left out.
 
     Raises:
         ProblemsError: everything that is wrong with the scenario.
-        SteadytipError: a file is missing or not TOML, or extends itself.
+        SteadytipError: a file is missing or not TOML, or extends itself; no such variant.
     """
     path = _locate(scenario, Path())
     table, texts = _read(path, ())
+    variants = table.pop("variant", {})
+    if variant is not None:
+        if variant not in variants:
+            hint = nearest(variant, variants) if variants else "it has none."
+            raise SteadytipError(f"{path.name} has no variant '{variant}'; {hint}")
+        table = _merge(table, variants[variant])
     overrides = dict(overrides or {})
     problems: list[str] = []
     if overrides:
@@ -193,6 +213,8 @@ def load(scenario: str | os.PathLike[str], overrides: Mapping[str, Any] | None =
         signals=checked.signals,
         texts=texts,
         overrides=overrides,
+        variant=variant,
+        variants=tuple(variants),
     )
 
 
@@ -224,15 +246,19 @@ def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tup
         raise SteadytipError(f"{path} is not TOML: {error}") from None
     except OSError as error:
         raise SteadytipError(f"{path} cannot be read: {error.strerror}") from None
-    base = table.pop("extends", None)
-    table = _resolved(table, path.parent, path.name)
-    here = ((path.name, text),)
-    if base is None:
-        return table, here
-    if not isinstance(base, str):
-        raise SteadytipError(f"{path.name}: 'extends' names one scenario, not {base!r}")
-    below, texts = _read(_locate(base, path.parent), (*seen, path.resolve()))
-    return _merge(below, table), texts + here
+    bases = table.pop("extends", [])
+    if isinstance(bases, str):
+        bases = [bases]
+    if not isinstance(bases, list) or not all(isinstance(base, str) for base in bases):
+        raise SteadytipError(f"{path.name}: 'extends' names scenarios, not {bases!r}")
+    below: dict[str, Any] = {}
+    texts: dict[tuple[str, str], None] = {}  # in order, each once
+    for base in bases:
+        found, read = _read(_locate(base, path.parent), (*seen, path.resolve()))
+        below = _merge(below, found)
+        texts |= dict.fromkeys(read)
+    texts[path.name, text] = None
+    return _merge(below, _resolved(table, path.parent, path.name)), tuple(texts)
 
 
 def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
@@ -241,15 +267,24 @@ def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]
     if not isinstance(parts, dict) or not all(isinstance(part, dict) for part in parts.values()):
         raise SteadytipError(f"{where}: 'part' holds tables, as in [part.hand]")
 
+    variants = table.get("variant", {})
+    if not isinstance(variants, dict) or not all(isinstance(v, dict) for v in variants.values()):
+        raise SteadytipError(f"{where}: 'variant' holds tables, as in [variant.NAME.part.hand]")
+
     def resolved(key: str, value: Any) -> Any:
         return str(folder / value) if isinstance(value, str) and _is_path(key, value) else value
 
-    return table | {
+    changed: dict[str, Any] = {
         "part": {
             name: {key: resolved(key, value) for key, value in part.items()}
             for name, part in parts.items()
-        }
+        },
+        "variant": {
+            name: _resolved(variant, folder, f"{where}, variant {name}")
+            for name, variant in variants.items()
+        },
     }
+    return table | {key: value for key, value in changed.items() if key in table}
 
 
 def _is_path(key: str, value: str) -> bool:
@@ -260,12 +295,12 @@ def _is_path(key: str, value: str) -> bool:
 
 
 def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
-    """`above` laid over `below`: tables merge, wires are appended, the rest is replaced."""
+    """`above` laid over `below`: tables merge, wires by their end, the rest is replaced."""
     merged = dict(below)
     for key, value in above.items():
         old = merged.get(key)
         if key == "wire" and isinstance(old, list) and isinstance(value, list):
-            merged[key] = old + value
+            merged[key] = [wire for wire in old if not _ends_as(wire, value)] + value
         elif key == "part" and isinstance(old, dict):
             merged[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
         elif isinstance(old, dict) and isinstance(value, dict):
@@ -273,6 +308,11 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
         else:
             merged[key] = value
     return merged
+
+
+def _ends_as(wire: Any, others: list[Any]) -> bool:
+    ends = [other.get("to") for other in others if isinstance(other, dict)]
+    return isinstance(wire, dict) and wire.get("to") in ends
 
 
 def _merge_part(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:

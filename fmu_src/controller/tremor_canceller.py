@@ -1,13 +1,16 @@
-"""Tremor canceller: estimated tip motion in, piezo voltages out (A04 8.2.2).
+"""Tremor canceller: what the estimator knows in, piezo voltages out (A04 8.2.2).
 
-    tremor    y_W = filter(tip displacement), a horizon ahead               A04 5.2.1
+    tremor    y_W = filter(tip displacement or forces), a horizon ahead     A04 5.2.1
     demand    d_0 = d_rest - engagement R(q_WB)^T y_W                       frame 0 parallel to B
     strokes   lambda = inverse kinematics(d_0), the nearest that is in reach   A04 6.3
               lambda <- lambda_0 + rise (lambda - lambda_0)
     voltages  v_i = inverse hysteresis_i(lambda_i), within the amplifier's  A04 7.2.4
 
 `tremor_filter` chooses what tells tremor from intent: 1, WFLC and FLC behind an elliptic prefilter
-(A04 5.2.1), good on a tone; 2, the forecaster, which learns the spectrum of a hand's motion.
+(A04 5.2.1), good on a tone; 2, the forecaster, which learns the spectrum of a hand's motion; 3, the
+forecaster on the compensated channels of the accelerometers themselves, for motion that is known
+from those alone; 4, a filter outside, whose tremor comes in. 1 and 2 take the displacement of the
+tip, 3 the forces.
 
 `operator` chooses what is inverted: 1, the modified Prandtl-Ishlinskii operator (A04 7.2); 2, the
 rate-dependent one (A04 7.3); 3, modulated stops with creep and lag, the most exact. The first two
@@ -54,7 +57,6 @@ import casadi as ca
 from fmu_src.estimation import micron
 from fmu_src.kit import (
     Derived,
-    Inputs,
     Model,
     Outputs,
     Parameters,
@@ -71,14 +73,14 @@ from fmu_src.piezo import modulated_stops as stops
 from fmu_src.piezo import prandtl_ishlinskii as plays
 from fmu_src.piezo import rate_dependent
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
-from fmu_src.tremor import var_forecaster, wflc_flc
+from fmu_src.tremor import inertial, phasors, var_forecaster, wflc_flc
 
 SAMPLE_PERIOD = 1e-3
 STACK_DELAY = 0.3e-3
 """Of a stack behind the stroke asked for, where the operator does not hold it [s]: measured, 0.1 ms
 at 3 um and 0.6 ms at 0.35 um."""
 ESTIMATOR_STARTS = {scalar.name: scalar.start for scalar in micron.Params.scalars()}
-TONES, FORECASTER = 1, 2
+TONES, FORECASTER, INERTIAL, EXTERNAL = 1, 2, 3, 4
 """Choices of the filter."""
 PLAIN, RATE_DEPENDENT, STOPS = 1, 2, 3
 """Choices of the operator."""
@@ -91,12 +93,13 @@ class Params(Parameters):
         horizon=SAMPLE_PERIOD, wash_out=ESTIMATOR_STARTS["washout"]
     )
     tremor_filter = integer(
-        "what finds the tremor: 1 WFLC and FLC, 2 the forecaster",
-        start=FORECASTER,
+        "what finds the tremor: 1 WFLC and FLC, 2 forecaster, 3 forecaster on forces, 4 external",
+        start=INERTIAL,
         min=TONES,
-        max=FORECASTER,
+        max=EXTERNAL,
     )
     forecaster: Any = var_forecaster.Learning
+    sensing: Any = inertial.Sensing
     mechanism: Any = parallel_3dof.Geometry
     operator = integer(
         "what is inverted: 1 Prandtl-Ishlinskii, 2 the rate-dependent one, 3 modulated stops",
@@ -147,27 +150,21 @@ class Operators(Derived):
 
 
 class Precomputed(Operators):
-    """The same, and the forecaster's band-pass."""
+    """The same, the forecaster's band-pass, and what is known of the accelerometers."""
 
     band: Any = var_forecaster.Weights
+    front: Any = inertial.Front
 
 
-class In(Inputs):
+class In(inertial.In):
     """What the estimator knows."""
 
     tip_displacement = real(
         "m", "estimated displacement of the tip, frame W", shape=3, axes="xyz", min=-1.0, max=1.0
     )
-    attitude = real(
-        None,
-        "q_WB, unit quaternion, body to world",
-        shape=4,
-        axes="wxyz",
-        start=(1.0, 0.0, 0.0, 0.0),
-        min=-1.001,
-        max=1.001,
+    external_tremor = real(
+        "m", "tremor that another filter has found, frame W", shape=3, axes="xyz", min=-1.0, max=1.0
     )
-    valid = boolean("whether the motion can be trusted", start=True)
     hold = boolean("whether the tip shall go to rest and stay there", start=False)
 
 
@@ -185,6 +182,7 @@ class X(State):
 
     filter: Any = wflc_flc.WflcFlcState
     driving: Any = Driving
+    front: Any = inertial.Sensed
     forecaster: Any = var_forecaster.X
 
 
@@ -369,18 +367,38 @@ def tones(T: float) -> ca.Function:
     return ca.Function("tones", arguments, columns, {"cse": True})
 
 
+def if_chosen(function: ca.Function) -> ca.Function:
+    """(chosen, *arguments, state) -> (state, 3 numbers): if not chosen, it rests and is free.
+
+    Args:
+        function: (*arguments, state) -> (state, 3 numbers).
+    """
+    arguments = function.mx_in()
+    rests = ca.Function("rest", arguments, [arguments[-1], ca.MX(3, 1)])
+    return ca.Function.if_else(f"{function.name()}_if_chosen", function, rests)
+
+
 @cache
 def forecast(T: float) -> ca.Function:
-    """(chosen, band, position, valid, state) -> (state, tremor): costs nothing if not chosen."""
+    """(band, position, valid, state) -> (state, tremor)."""
     band = ca.MX.sym("band", var_forecaster.Weights.size())
     x = ca.MX.sym("x", var_forecaster.X.size())
     position, valid = ca.MX.sym("position", 3), ca.MX.sym("valid")
     unpacked = (var_forecaster.Weights.unpack(band), position, valid)
     following, out = var_forecaster.estimate(*unpacked, var_forecaster.X.unpack(x), T)
-    arguments = [band, position, valid, x]
-    runs = ca.Function("forecast", arguments, [following.pack(), out.pack()])
-    rests = ca.Function("rest", arguments, [x, ca.MX(3, 1)])
-    return ca.Function.if_else("forecast_if_chosen", runs, rests)
+    columns = [following.pack(), out.pack()]
+    return ca.Function("forecast", [band, position, valid, x], columns)
+
+
+@cache
+def sense(T: float) -> ca.Function:
+    """(front, force, valid, state) -> (state, motion)."""
+    front = ca.MX.sym("front", inertial.Front.size())
+    x = ca.MX.sym("x", inertial.Sensed.size())
+    force, valid = ca.MX.sym("force", inertial.CHANNELS), ca.MX.sym("valid")
+    unpacked = (inertial.Front.unpack(front), force, valid)
+    following, motion = inertial.sense(*unpacked, inertial.Sensed.unpack(x), T)
+    return ca.Function("sense", [front, force, valid, x], [following.pack(), motion])
 
 
 @cache
@@ -407,9 +425,23 @@ def delay(p: Params) -> Any:
 def derive(p: Params, T: float) -> Precomputed:
     """Operators, and the forecaster's band-pass."""
     operators = Operators.unpack(preparing(T)(p.pack()))
-    band = var_forecaster.weights(p.forecaster, delay(p), p.filter.wash_out, T)
+
+    def undo(frequencies: Any) -> phasors.Pair:
+        """What an acceleration or a washed-out displacement has been through, undone."""
+        accelerated = inertial.undo(p.sensing.lag, frequencies)
+        washed = phasors.wash_out_undone(p.filter.wash_out, frequencies)
+        from_forces = p.tremor_filter == INERTIAL
+        real_part, imaginary = (
+            ca.if_else(from_forces, a, w) for a, w in zip(accelerated, washed, strict=True)
+        )
+        return real_part, imaginary
+
     values = {name: getattr(operators, name) for name in Operators.fields}
-    return Precomputed(band=band, **values)
+    return Precomputed(
+        band=var_forecaster.weights(p.forecaster, delay(p), undo, T),
+        front=inertial.derive(p.sensing, T),
+        **values,
+    )
 
 
 def put_out(command: Any, tremor: Any, tone: Any) -> Out:
@@ -425,20 +457,39 @@ def put_out(command: Any, tremor: Any, tone: Any) -> Out:
     )
 
 
+def chosen_tremor(p: Params, u: In, tone: Any, forecasted: Any) -> Any:
+    """y_W, (3,) [m], from both filters' outputs, that of the first packed."""
+    choices = {
+        TONES: wflc_flc.Out.unpack(tone).tremor,
+        INERTIAL: rotations.matrix(u.attitude) @ forecasted,
+        EXTERNAL: u.external_tremor,
+    }
+    tremor = forecasted
+    for choice, found in choices.items():
+        tremor = ca.if_else(p.tremor_filter == choice, found, tremor)
+    return tremor
+
+
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
     """One sample."""
     ahead = p.filter.replace(horizon=delay(p)).pack()
     filtered, tone = tones(T)(ahead, u.tip_displacement, u.valid, x.filter.pack())
-    chosen = p.tremor_filter == FORECASTER
-    learnt, forecasted = forecast(T)(
-        chosen, derived.band.pack(), u.tip_displacement, u.valid, x.forecaster.pack()
+    from_forces = p.tremor_filter == INERTIAL
+    front, motion = if_chosen(sense(T))(
+        from_forces, derived.front.pack(), u.force, u.valid, x.front.pack()
     )
-    tremor = ca.if_else(chosen, forecasted, wflc_flc.Out.unpack(tone).tremor)
+    position = ca.if_else(from_forces, motion, u.tip_displacement)
+    forecasts = ca.logic_or(from_forces, p.tremor_filter == FORECASTER)
+    learnt, forecasted = if_chosen(forecast(T))(
+        forecasts, derived.band.pack(), position, u.valid, x.forecaster.pack()
+    )
+    tremor = chosen_tremor(p, u, tone, forecasted)
     operators = operators_of(derived)
     driven, command = acting(T)(p.pack(), operators, u.pack(), tremor, x.driving.pack())
     following = X(
         filter=wflc_flc.WflcFlcState.unpack(filtered),
         driving=Driving.unpack(driven),
+        front=inertial.Sensed.unpack(front),
         forecaster=var_forecaster.X.unpack(learnt),
     )
     return following, put_out(command, tremor, tone)
@@ -449,10 +500,10 @@ def answer(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
     ahead = p.filter.replace(horizon=delay(p)).pack()
     find = last_output(tones(T), 1, 2)
     tone = find(ahead, u.tip_displacement, u.valid, x.filter.pack())
-    forecasted = var_forecaster.answer(
-        derived.band, u.tip_displacement, u.valid, x.forecaster, T
-    ).tremor
-    tremor = ca.if_else(p.tremor_filter == FORECASTER, forecasted, wflc_flc.Out.unpack(tone).tremor)
+    motion = inertial.motion(x.front, inertial.since(u.force, u.valid, x.front))
+    position = ca.if_else(p.tremor_filter == INERTIAL, motion, u.tip_displacement)
+    forecasted = var_forecaster.answer(derived.band, position, u.valid, x.forecaster, T).tremor
+    tremor = chosen_tremor(p, u, tone, forecasted)
     drives = last_output(acting(T), 2, 3)
     command = drives(p.pack(), operators_of(derived), u.pack(), tremor, x.driving.pack())
     return put_out(command, tremor, tone)

@@ -33,7 +33,6 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.estimation import attitude_filter, tip_motion, triad
-from fmu_src.estimation import sensing_kinematics as kinematics
 from fmu_src.kit import (
     Derived,
     Inputs,
@@ -47,18 +46,7 @@ from fmu_src.kit import (
     real,
     rotations,
 )
-
-_ROLL_DENSITY = 0.17 / np.sqrt(10.0)
-"""A hand's roll acceleration: 0.17 rad/s2 rms, taken as white up to 10 Hz [rad/s2/Hz0.5]."""
-
-
-class Geometry(Parameters):
-    """Where the sites and the tip are in B."""
-
-    d1 = real("m", "d1, sites 1 and 2 across the axis", start=design.D1, min=1e-3, max=1.0)
-    d2 = real("m", "d2, site 3 across the axis", start=design.D2, min=1e-3, max=1.0)
-    d3 = real("m", "d3, site 3 along the axis", start=design.D3, min=1e-3, max=1.0)
-    tip = real("m", "tip in B", start=design.TIP, shape=3, min=-1.0, max=1.0)
+from fmu_src.kit import sensing_kinematics as kinematics
 
 
 class Accelerometer(Parameters):
@@ -75,15 +63,8 @@ class Accelerometer(Parameters):
     zero = real(
         "V", "output at rest across gravity", start=design.ZERO_VOLTS, shape=6, min=0, max=5
     )
-    density = real(
-        "m/s2/Hz0.5",
-        "noise density",
-        start=design.ACCELEROMETER_NOISE,
-        shape=6,
-        min=1e-6,
-        max=1.0,
-    )
-    lag = real("s", "tau, output filter", start=design.SENSOR_LAG, min=0.0, max=0.1)
+    density: Any = kinematics.DENSITY
+    lag: Any = kinematics.LAG
 
 
 class Magnetometer(Parameters):
@@ -108,7 +89,7 @@ class Magnetometer(Parameters):
 class Params(Parameters):
     """Everything that is known beforehand."""
 
-    geometry = Geometry
+    geometry: Any = kinematics.Layout
     accelerometer = Accelerometer
     magnetometer = Magnetometer
     gravity = real("m/s2", "gravity at the site", start=design.SITE_GRAVITY, min=1.0, max=20.0)
@@ -116,7 +97,7 @@ class Params(Parameters):
     roll_density = real(
         "rad/s2/Hz0.5",
         "S_r^0.5, roll acceleration of a hand; 1e6 gives the plain inverse of P_D",
-        start=_ROLL_DENSITY,
+        start=kinematics.ROLL_DENSITY,
         min=1e-6,
         max=1e6,
     )
@@ -205,11 +186,6 @@ class Out(Outputs):
     field = real(None, "unit magnetic field in B", shape=3, axes="xyz")
 
 
-def _geometry(p: Any) -> kinematics.Geometry:
-    g = p.geometry
-    return kinematics.Geometry.of_design(g.d1, g.d2, g.d3, g.tip)
-
-
 def _densities(p: Any) -> tuple[Any, Any]:
     """(S_A, S_r); the weakest channel stands for all, since A_D mixes them."""
     return ca.mmax(p.accelerometer.density) ** 2, p.roll_density**2
@@ -218,7 +194,7 @@ def _densities(p: Any) -> tuple[Any, Any]:
 def derive(p: Any, T: float) -> Gains:
     """Gains and noise that hold as long as the parameters do."""
     S_A, S_r = _densities(p)
-    geometry = _geometry(p)
+    geometry = kinematics.Geometry.of(p.geometry)
     gain = kinematics.rate_gain(geometry, S_A, S_r)
     P_D = kinematics.lever_matrix(geometry)
 
@@ -244,7 +220,7 @@ def derive(p: Any, T: float) -> Gains:
 
 def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     """One sample of the sensors."""
-    geometry = _geometry(p)
+    geometry = kinematics.Geometry.of(p.geometry)
     variances = p.accelerometer.density**2
 
     # Compensation (A04 3.2, first order)

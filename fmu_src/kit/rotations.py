@@ -40,7 +40,7 @@ def normalize(v: Any) -> ca.SX:
 def matrix(q: Any) -> ca.SX:
     """Rotation matrix R(q) of a unit quaternion, (3, 3) (A04 eq. 2.13)."""
     w, v = q[0], q[1:]
-    return (w * w - ca.sumsqr(v)) * ca.SX.eye(3) + 2 * (v @ v.T) + 2 * w * skew(v)
+    return (w * w - ca.sumsqr(v)) * ca.DM.eye(3) + 2 * (v @ v.T) + 2 * w * skew(v)
 
 
 def from_rotation_vector(theta: Any) -> ca.SX:

@@ -56,6 +56,7 @@ recording. The optimum is broad: half and twice of NOISE, or three times tau, ch
 | y | tremor | tremor at the time t + h |
 """
 
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -128,7 +129,9 @@ class X(State):
 
 def derive(p: Params, T: float) -> Weights:
     """Band-pass for the horizon, and forgetting."""
-    past, later = zero_phase.taps(p, p.horizon, p.wash_out, STRIDE * T, AHEAD)
+    past, later = zero_phase.taps(
+        p, p.horizon, partial(phasors.wash_out_undone, p.wash_out), STRIDE * T, AHEAD
+    )
     return Weights(past=past, later=later, left=ca.exp(-T / p.memory))
 
 

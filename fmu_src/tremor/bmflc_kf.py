@@ -38,7 +38,7 @@ they are, tones of 8 to 12 Hz come out at 0.5 to 0.8 of their size and within 25
 | y | tremor | tremor at the time t + h |
 """
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import casadi as ca
@@ -92,9 +92,8 @@ def gains(T: float) -> tuple[np.ndarray, np.ndarray]:
 
 def derive(p: Surroundings, T: float) -> Factors:
     """Factors of the phasors."""
-    return Factors(
-        ahead=ca.vertcat(*phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, p.wash_out))
-    )
+    undo = partial(phasors.wash_out_undone, p.wash_out)
+    return Factors(ahead=ca.vertcat(*phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, undo)))
 
 
 def estimate(

@@ -44,7 +44,8 @@ a-posteriori and 56.8 % in the band on the other five, instead of 37.1 % and 55.
 | y | tremor | tremor at the time t + h |
 """
 
-from functools import cache
+from collections.abc import Callable
+from functools import cache, partial
 from typing import Any
 
 import casadi as ca
@@ -116,7 +117,17 @@ def share() -> np.ndarray:
 
 def derive(p: Surroundings, T: float) -> Factors:
     """Factors of the phasors."""
-    parts = phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, p.wash_out)
+    return factors(p.horizon, partial(phasors.wash_out_undone, p.wash_out))
+
+
+def factors(horizon: Any, undo: Callable[[Any], phasors.Pair]) -> Factors:
+    """Factors of the phasors, behind what the motion has been through.
+
+    Args:
+        horizon: h [s].
+        undo: factor that undoes that at frequencies, (TONES,) [Hz].
+    """
+    parts = phasors.read_out(FREQUENCIES, 1 / MEMORY, horizon, undo)
     return Factors(ahead=ca.vertcat(*(ca.DM(share()) * part for part in parts)))
 
 

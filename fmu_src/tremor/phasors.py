@@ -17,7 +17,7 @@ rows of imaginary parts. Complex numbers elsewhere are pairs (real part, imagina
 | h | horizon | how far ahead the tremor is wanted |
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any
 
 import casadi as ca
@@ -162,17 +162,20 @@ def steady_gain(
 
 
 def read_out(
-    frequencies: Sequence[float] | np.ndarray, decay: float, horizon: Any, wash_out: Any
+    frequencies: Sequence[float] | np.ndarray,
+    decay: float,
+    horizon: Any,
+    undo: Callable[[Any], Pair],
 ) -> Pair:
-    """Factor that takes each tone a horizon ahead and undoes a wash-out.
+    """Factor that takes each tone a horizon ahead and undoes what the motion has been through.
 
     Args:
         frequencies: f, (N,) [Hz].
         decay: rate at which the tones fade [1/s].
         horizon: h [s].
-        wash_out: f_w [Hz].
+        undo: factor that undoes that at frequencies, (N,) [Hz].
     """
     f = ca.DM(np.asarray(frequencies))
     fading = ca.exp(-decay * horizon)
-    real_part, imaginary = product(turning(2 * np.pi * f * horizon), wash_out_undone(wash_out, f))
+    real_part, imaginary = product(turning(2 * np.pi * f * horizon), undo(f))
     return fading * real_part, fading * imaginary

@@ -25,6 +25,10 @@ little. A new A takes four samples, so that none takes long: three solutions and
 The memory was chosen on ten recordings of hands, one value for all; nothing is trained on any. A
 memory of 7 to 15 s changes the reductions there by a tenth of a point.
 
+Coefficients that have seen little can be unstable, and their forecast anything. A tremor of f_1 or
+faster that is as large as y has second differences of (2 sin(pi f_1 T))^2 y: y is limited to
+LARGEST times what the largest of them, forgotten within a second, leaves room for.
+
 It needs a second and a half of motion: until then the output fades in. Positions count from the
 first one that can be trusted; while they cannot be, the motion goes on as it is forecast, fading.
 
@@ -38,16 +42,19 @@ first one that can be trusted; while they cannot be, the motion goes on as it is
 | f_w | wash_out | corner of the wash-out that the position has been through |
 | R | correlation | of velocities, (9, OWN + 1) by axes and lag |
 | A | coefficients | of each axis: OWN, then CROSS of the next axis and of the one after |
+| u | swing | largest second difference lately |
 | y | tremor | tremor at the time t + horizon |
 """
 
+from collections.abc import Callable
+from functools import partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from fmu_src.kit import Derived, Model, Outputs, State, boolean, real
-from fmu_src.tremor import zero_phase
+from fmu_src.tremor import phasors, zero_phase
 from fmu_src.tremor.ports import In
 
 SAMPLE_PERIOD = 1e-3
@@ -67,6 +74,10 @@ LEARNING = 1.5
 """Time in which the output fades in [s]."""
 FADING = 0.97
 """Of a velocity from stride to stride where the position cannot be trusted."""
+SWING_MEMORY = 1.0
+"""Time in which the largest second difference is forgotten [s]."""
+LARGEST = 1.5
+"""Of the output, over the largest tremor that the second differences leave room for."""
 LEAST_MOVE = 1e-9
 """Second difference below which nothing moves [m]."""
 SIZE = OWN + 2 * CROSS
@@ -95,6 +106,7 @@ class X(State):
     seen = real("s", "time that has been learnt from, up to the time of learning")
     count = real(None, "samples since the coefficients were computed", min=0.0, max=EVERY)
     unrest = real("m2", "mean square of second differences", shape=3)
+    swing = real("m", "u, largest of them lately", shape=3)
     motion = real("m", "s, newest first", shape=(AXES, HISTORY), listed=False)
     correlation = real("m2", "R", shape=(AXES**2, OWN + 1), listed=False)
     coefficients = real(None, "A", shape=(SIZE, AXES), listed=False)
@@ -113,24 +125,32 @@ class Weights(Derived):
     past = real(None, "w of now and before, newest first", shape=AHEAD + 1)
     later = real(None, "sums of w from each stride ahead on", shape=AHEAD)
     left = real(None, "g, what is left of a correlation after a sample")
+    reach = real(None, "output over swing, at most")
 
 
 def derive(p: Params, T: float) -> Weights:
     """Band-pass for the horizon, and forgetting."""
-    return weights(p, p.horizon, p.wash_out, T)
+    return weights(p, p.horizon, partial(phasors.wash_out_undone, p.wash_out), T)
 
 
-def weights(p: Learning, horizon: Any, wash_out: Any, T: float) -> Weights:
-    """Band-pass for a horizon behind a wash-out, and forgetting.
+def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: float) -> Weights:
+    """Band-pass for a horizon, behind what the motion has been through, and forgetting.
 
     Args:
         p: band and memory.
         horizon: h T_s [s].
-        wash_out: f_w [Hz], 0 if there is none.
+        undo: factor that undoes that at frequencies, (n,) [Hz].
         T: sample period [s].
     """
-    past, later = zero_phase.taps(p, horizon, wash_out, STRIDE * T, AHEAD)
-    return Weights(past=past, later=later, left=ca.exp(-T / p.memory))
+    past, later = zero_phase.taps(p, horizon, undo, STRIDE * T, AHEAD)
+    turning = 2 * ca.sin(np.pi * p.lowest * STRIDE * T)
+    largest = ca.sqrt(sum(part**2 for part in undo(p.lowest)))
+    return Weights(
+        past=past,
+        later=later,
+        left=ca.exp(-T / p.memory),
+        reach=LARGEST * largest / turning**2,
+    )
 
 
 def _solver() -> ca.Function:
@@ -263,24 +283,38 @@ def velocities(motion: Any) -> Any:
     return strides[:, : OWN + 1] - strides[:, 1 : OWN + 2]
 
 
-def found(derived: Weights, motion: Any, seen: Any, x: X) -> Any:
+def swing(velocity: Any, x: X, T: float) -> Any:
+    """u, largest second difference lately, (3,) [m].
+
+    Args:
+        velocity: v, newest first, (AXES, OWN + 1) [m].
+        x: state.
+        T: sample period [s].
+    """
+    return ca.fmax(ca.fabs(velocity[:, 0] - velocity[:, 1]), np.exp(-T / SWING_MEMORY) * x.swing)
+
+
+def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
     """y, tremor in a motion, (3,) [m].
 
     Args:
         derived: what follows from the parameters.
         motion: with the present sample, (AXES, HISTORY) [m].
+        swung: u, (3,) [m].
         seen: time that has been learnt from [s].
         x: state.
     """
     known = motion[:, ::STRIDE][:, : AHEAD + 1] @ derived.past
     ahead = derived.later[0] * motion[:, 0] + x.fold @ ca.vec(velocities(motion)[:, :OWN])
-    return seen / LEARNING * (known + ahead)
+    limit = derived.reach * swung
+    return seen / LEARNING * ca.fmax(-limit, ca.fmin(limit, known + ahead))
 
 
 def answer(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
     """Outputs alone of `estimate`."""
     _, motion = moved(position, valid, x)
-    return Out(tremor=found(derived, motion, ca.fmin(x.seen + valid * T, LEARNING), x))
+    swung = swing(velocities(motion), x, T)
+    return Out(tremor=found(derived, motion, swung, ca.fmin(x.seen + valid * T, LEARNING), x))
 
 
 def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tuple[X, Out]:
@@ -302,6 +336,7 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
     unrest = derived.left * x.unrest + (1 - derived.left) * turn**2
     count, coefficients, fold = learn(derived, x, T)
 
+    swung = swing(velocity, x, T)
     seen = ca.fmin(x.seen + valid * T, LEARNING)
     following = X(
         tracked=valid,
@@ -309,12 +344,13 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
         seen=seen,
         count=count,
         unrest=unrest,
+        swing=swung,
         motion=motion,
         correlation=correlation,
         coefficients=coefficients,
         fold=fold,
     )
-    return following, Out(tremor=found(derived, motion, seen, x))
+    return following, Out(tremor=found(derived, motion, swung, seen, x))
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:

@@ -2,16 +2,16 @@
 
     y   = sum_j w_j s_{k+j}                          j = -n..n, past and forecast
     w_j = T int Re(G e^(2 pi i f (h T_s - j T))) df  corrected where intent is, less their mean
-    G   = H (1 + v) (1 + v + v^2),  v = -i f_w / f
+    G   = H U
     H   = 1 / (1 + Q^4),  Q = (t^2 - a b) / ((b - a) t)
           t = tan(pi f T), a and b the same of f_1 and f_2
 
 H is the squared gain of a Butterworth band-pass of second order: the band-pass run forwards and
 backwards. A delay of the loop is a shift of w. Cut off at n strides the weights would let through
 a percent of a slow motion, which is a hundred times a tremor; so they get the least change that
-gives the response H has at the frequencies INTENT, and a constant vanishes, whatever else. A
-position that has been through a third-order Butterworth wash-out of corner f_w has that undone in
-the same weights.
+gives the response G has at the frequencies INTENT, and a constant vanishes, whatever else. What the
+motion has been through, as a wash-out or a sensor's lag, is undone by a factor U in the same
+weights.
 
 INTENT and SOFTNESS were chosen on ten recordings of hands.
 
@@ -22,16 +22,18 @@ INTENT and SOFTNESS were chosen on ten recordings of hands.
 | n | ahead | strides that the weights reach, both ways |
 | h T_s | horizon | how far ahead the tremor is wanted |
 | f_1, f_2 | lowest, highest | band of tremor |
-| f_w | wash_out | corner of the wash-out that the position has been through |
+| U | undo | undoes what the motion has been through |
 | y | | tremor at the time t + horizon |
 """
 
+from collections.abc import Callable
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from fmu_src.kit import Parameters, real
+from fmu_src.tremor.phasors import Pair, product
 
 GRID = (np.arange(64) + 0.5) / 64 * 60.0
 """Frequencies at which the band-pass is summed up [Hz]."""
@@ -53,13 +55,15 @@ class Band(Parameters):
     highest = real("Hz", "f_2, upper edge of the tremor's band", start=15.0, min=12.5, max=30.0)
 
 
-def taps(p: Band, horizon: Any, wash_out: Any, stride: float, ahead: int) -> tuple[Any, Any]:
+def taps(
+    p: Band, horizon: Any, undo: Callable[[Any], Pair], stride: float, ahead: int
+) -> tuple[Any, Any]:
     """Weights w of the past, and of a forecast that comes as moves from stride to stride.
 
     Args:
         p: band.
         horizon: h T_s [s].
-        wash_out: f_w [Hz], 0 if there is none.
+        undo: U at frequencies above 0, (n,) [Hz].
         stride: T [s].
         ahead: n.
 
@@ -69,14 +73,12 @@ def taps(p: Band, horizon: Any, wash_out: Any, stride: float, ahead: int) -> tup
     """
     low, high = (ca.tan(np.pi * f * stride) for f in (p.lowest, p.highest))
 
-    def gain(frequencies: np.ndarray) -> tuple[Any, Any]:
-        """Real and imaginary part of H (1 + v) (1 + v + v^2)."""
+    def gain(frequencies: np.ndarray) -> Pair:
+        """G, nothing at 0 Hz."""
         t = np.tan(np.pi * frequencies * stride)
         inside, outside = ((high - low) * ca.DM(t)) ** 4, (ca.DM(t**2) - low * high) ** 4
-        share = inside / (inside + outside)
-        with np.errstate(divide="ignore"):
-            lag = wash_out * ca.DM(np.where(frequencies > 0, 1 / frequencies, 0.0))
-        return share * (1 - 2 * lag**2), share * (lag**3 - 2 * lag)
+        undone = undo(ca.DM(np.where(frequencies > 0, frequencies, 1.0)))
+        return product((inside / (inside + outside), 0.0), undone)
 
     lags = np.arange(-ahead, ahead + 1) * stride
     step = GRID[1] - GRID[0]

@@ -12,7 +12,7 @@ from fmu_src.controller import tremor_canceller
 from fmu_src.kit import Runner, design
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.piezo import modulated_stops, rate_dependent
-from fmu_src.tremor import var_forecaster
+from fmu_src.tremor import inertial_forecaster, var_forecaster
 from plants import hand, instrument, piezo_stack
 
 T = 1e-3
@@ -141,6 +141,28 @@ def test_the_forecaster_inside_is_the_one_outside():
     inside = _runner(given).run(3000, {"tip_displacement": motion})["tremor"]
     alone = Runner(var_forecaster.MODEL, {"horizon": 2e-3, "wash_out": 0.3})
     np.testing.assert_allclose(inside, alone.run(3000, {"position": motion})["tremor"], atol=1e-12)
+
+
+def test_the_forecaster_on_forces_inside_is_the_one_outside():
+    """Same horizon, same noise, same forces: same tremor."""
+    force = np.cumsum(np.random.default_rng(4).standard_normal((3000, 6)), axis=0) * 1e-3
+    attitude = Rotation.from_euler("xyz", (40, -20, 70), degrees=True).as_quat(scalar_first=True)
+    inputs = {"force": force, "attitude": attitude}
+    given = {"filter.horizon": 2e-3, "tremor_filter": 3, "sensing.density": 2e-3}
+    inside = _runner(given).run(3000, inputs)["tremor"]
+    alone = Runner(inertial_forecaster.MODEL, {"horizon": 2e-3, "sensing.density": 2e-3})
+    np.testing.assert_allclose(inside, alone.run(3000, inputs)["tremor"], atol=1e-12)
+
+
+def test_a_filter_outside_is_followed():
+    """Its tremor comes out as it came in, and is what the voltages cancel."""
+    tremor = _tone(1.5, 20e-6)
+    run = _runner({"tremor_filter": 4, "rise_time": 0.2, "fade_time": 0.2}).run(
+        len(tremor), {"external_tremor": tremor}
+    )
+    np.testing.assert_array_equal(run["tremor"], tremor)
+    moved = _deflection(run["volts"])[READY:] - REST
+    np.testing.assert_allclose(moved, -tremor[READY:], atol=0.05e-6)
 
 
 @pytest.mark.parametrize("operator", [1, 3])

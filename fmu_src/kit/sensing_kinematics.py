@@ -26,13 +26,40 @@ from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
+import numpy as np
+
+from fmu_src.kit import design
+from fmu_src.kit.records import Parameters, real
 
 CHANNELS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
 """Accelerometer channels in the order of all vectors of six."""
-_SITE = (0, 0, 1, 1, 2, 2)
-_AXIS = (0, 2, 1, 2, 0, 1)
+PLACES = ((0, 0), (0, 2), (1, 1), (1, 2), (2, 0), (2, 1))
+"""Site and axis of each channel, both from 0."""
 _PAIRS = ((0, 4), (2, 5), (1, 3))
 """Channels that share the axis x, y, z; A_D is the second of a pair minus the first."""
+
+
+ROLL_DENSITY = 0.17 / np.sqrt(10.0)
+"""A hand's roll acceleration: 0.17 rad/s2 rms, taken as white up to 10 Hz [rad/s2/Hz0.5]."""
+DENSITY = real(
+    "m/s2/Hz0.5",
+    "noise density",
+    start=design.ACCELEROMETER_NOISE,
+    shape=6,
+    min=1e-6,
+    max=1.0,
+)
+LAG = real("s", "tau, output filter", start=design.SENSOR_LAG, min=0.0, max=0.1)
+"""Of the accelerometers: noise, and the filter between them and the converter."""
+
+
+class Layout(Parameters):
+    """Where the sites and the tip are in B."""
+
+    d1 = real("m", "d1, sites 1 and 2 across the axis", start=design.D1, min=1e-3, max=1.0)
+    d2 = real("m", "d2, site 3 across the axis", start=design.D2, min=1e-3, max=1.0)
+    d3 = real("m", "d3, site 3 along the axis", start=design.D3, min=1e-3, max=1.0)
+    tip = real("m", "tip in B", start=design.TIP, shape=3, min=-1.0, max=1.0)
 
 
 @dataclass(frozen=True)
@@ -50,9 +77,14 @@ class Geometry:
             tip,
         )
 
+    @classmethod
+    def of(cls, layout: Layout) -> "Geometry":
+        """The same from parameters."""
+        return cls.of_design(layout.d1, layout.d2, layout.d3, layout.tip)
+
     def baselines(self) -> list[Any]:
         """P_13, P_23, P_12: from the first to the second site of each pair."""
-        return [self.sites[_SITE[j]] - self.sites[_SITE[i]] for i, j in _PAIRS]
+        return [self.sites[PLACES[j][0]] - self.sites[PLACES[i][0]] for i, j in _PAIRS]
 
 
 def differences(f: Any) -> ca.SX:
@@ -151,7 +183,7 @@ def tip_force(f: Any, alpha: Any, w: Any, geometry: Geometry, variances: Any) ->
         variances: of the channels, in any common unit (6,).
     """
     moved = []
-    for channel, (site, axis) in enumerate(zip(_SITE, _AXIS, strict=True)):
+    for channel, (site, axis) in enumerate(PLACES):
         lever = geometry.tip - geometry.sites[site]
         rotation = ca.cross(alpha, lever) + centripetal(w, lever)
         moved.append(f[channel] + rotation[axis])

@@ -6,8 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.estimation import sensing_kinematics as kinematics
 from fmu_src.kit import design
+from fmu_src.kit import sensing_kinematics as kinematics
 
 SITES = np.array([[20.2e-3, 0, 0], [0, 20.2e-3, 0], [14.3e-3, 14.3e-3, 116e-3]])
 TIP = np.array([0, 0, 0.21])
