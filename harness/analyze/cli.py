@@ -45,7 +45,8 @@ def analyze(
     out: Annotated[
         Path | None,
         typer.Option(
-            metavar="FOLDER", help="Folder of the page; build/analyze/SCENARIO by default."
+            metavar="FOLDER",
+            help="Folder of the page; build/analyze/SCENARIO[-RECORDING] by default.",
         ),
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
@@ -78,7 +79,8 @@ def analyze(
         _console.print(f"\n{spare_text(found)}", markup=False, highlight=False)
     for note in found.notes:
         say(f"{note}.")
-    folder = out or Path("build", "analyze", found.scenario.name)
+    name = "-".join([found.scenario.name, *([motion.stem] if motion else [])])
+    folder = out or Path("build", "analyze", name)
     say(f"page: {write_page(found, folder)}")
     if json is not None:
         say(f"json: {write_figures(json, figures(found))}")
