@@ -7,7 +7,6 @@ Everything heavy is imported by the command that needs it, so that `--help` come
 from __future__ import annotations
 
 import sys
-import tomllib
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +14,7 @@ import typer
 from rich.console import Console
 from rich.markup import escape
 
+from harness.analyze.cli import analyze
 from harness.identify.cli import app as identify
 from harness.reproduce.cli import reproduce
 from harness.ssp.cli import app as ssp
@@ -28,6 +28,7 @@ app = typer.Typer(
 app.add_typer(ssp, name="ssp")
 app.add_typer(identify, name="identify")
 app.command()(reproduce)
+app.command()(analyze)
 _console = Console()
 _errors = Console(stderr=True)
 
@@ -97,9 +98,10 @@ def run(
     from harness.errors import RunError
     from harness.parts.recording import recordings
     from harness.runs import run as run_scenario
+    from harness.settings import overrides
 
     display = Display(_console, quiet)
-    settings = _overrides(override, seconds, seed)
+    settings = overrides(override, seconds, seed)
     motions = recordings(motion) if motion else [None]
     results: dict[str, Any] = {}
     failed = False
@@ -130,30 +132,6 @@ def run(
         display.show(comparison_table(results))
     if failed:
         raise typer.Exit(1)
-
-
-def _overrides(texts: list[str] | None, seconds: float | None, seed: int | None) -> dict[str, Any]:
-    from harness.errors import SteadytipError
-
-    overrides: dict[str, Any] = {}
-    for text in texts or []:
-        key, equals, value = text.partition("=")
-        if not equals or not key.strip():
-            raise SteadytipError(f"--set {text}: write KEY=VALUE, as in part.hand.seed=3")
-        overrides[key.strip()] = _toml_value(value.strip())
-    if seconds is not None:
-        overrides["seconds"] = seconds
-    if seed is not None:
-        overrides["seed"] = seed
-    return overrides
-
-
-def _toml_value(text: str) -> Any:
-    """A value as TOML reads it; what is not TOML is a word."""
-    try:
-        return tomllib.loads(f"value = {text}")["value"]
-    except tomllib.TOMLDecodeError:
-        return text
 
 
 @app.command()
@@ -232,8 +210,9 @@ def info(
         blocks = fmu_table(describe(Path(what)))
     else:
         from harness.scenario import load
+        from harness.settings import overrides
         from harness.system import assemble
 
-        blocks = system_tables(assemble(load(what, _overrides(override, None, None)), motion))
+        blocks = system_tables(assemble(load(what, overrides(override, None, None)), motion))
     for block in blocks:
         _console.print(block, highlight=False)

@@ -17,7 +17,7 @@ from harness.record import Column
 from harness.scenario import SHORTEST, Scenario, Signals, Wire
 from harness.wiring import Wiring, connect
 
-__all__ = ["System", "assemble", "matching", "part_seed"]
+__all__ = ["System", "assemble", "matching", "moved_part", "part_seed"]
 
 _COUNTS = {
     "moved": 3,
@@ -96,7 +96,7 @@ def assemble(
     made = _make(scenario, progress)
     motions = {name: table.motion for name, table in scenario.parts.items() if table.motion}
     if motion is not None:
-        motions[_moved_part(made)] = motion
+        motions[moved_part(made)] = motion
     parts: dict[str, Part] = {}
     wires = list(scenario.wires)
     for name, part in made.items():
@@ -147,7 +147,12 @@ def _make(scenario: Scenario, progress: Callable[[str], None]) -> dict[str, Part
     return parts
 
 
-def _moved_part(parts: Mapping[str, Part]) -> str:
+def moved_part(parts: Mapping[str, Part]) -> str:
+    """Name of the one part that a recording can move.
+
+    Raises:
+        SteadytipError: there is none, or more than one.
+    """
     taking = [name for name, part in parts.items() if not _lacking(part)]
     if len(taking) == 1:
         return taking[0]

@@ -157,6 +157,35 @@ class Killable(Protocol):
         """
 
 
+@runtime_checkable
+class Restorable(Protocol):
+    """A part that perhaps can be put back into a state that it was in before."""
+
+    def prepare_to_return(self) -> bool:
+        """Get ready for `save`; called before `start`.
+
+        Returns:
+            Whether the part says that it can save its state.
+        """
+
+    def save(self) -> Any:
+        """A copy of the state; `free` gives it back.
+
+        Raises:
+            FaultError: it cannot be had after all.
+        """
+
+    def restore(self, saved: Any) -> None:
+        """Go back to a state that `save` gave.
+
+        Raises:
+            FaultError: the state is not taken.
+        """
+
+    def free(self, saved: Any) -> None:
+        """Give a saved state back."""
+
+
 class Kind(Protocol):
     """Class of the parts of one kind.
 

@@ -25,6 +25,7 @@ from fmpy.fmi2 import (
     fmi2CallbackFreeMemoryTYPE,
     fmi2CallbackFunctions,
     fmi2CallbackLoggerTYPE,
+    fmi2FMUstate,
 )
 
 from fmu_src.kit import range_text
@@ -160,13 +161,17 @@ class Instance:
         texts = [message.text for message in self._messages if message.status == WARNING]
         self.warnings = tuple(dict.fromkeys(texts))
 
-    def stepper(self, driven: Sequence[str], u: FloatArray, y: FloatArray) -> Stepper:
+    def stepper(
+        self, driven: Sequence[str], u: FloatArray, y: FloatArray, returns: bool = False
+    ) -> Stepper:
         """Make the function of one tick, and read the outputs once into `y`.
 
         Args:
             driven: names of inputs, Real ones first, then Integer, then Boolean.
             u: (len(driven),) where their values will be.
             y: (outputs,) where the outputs go, in the order of `Description.outputs`.
+            returns: whether a saved state may be restored later; the standard has this told to
+                the FMU with every step.
 
         Returns:
             `advance(t, h)`; it raises FaultError.
@@ -178,6 +183,7 @@ class Instance:
         do_step = self._fmu.dll["fmi2DoStep"]
         do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
         refused, failed = self._refused, self._failed
+        never_returns = int(not returns)
 
         def read() -> None:
             for function, references, count, pointer, values, buffer in getters:
@@ -194,13 +200,42 @@ class Instance:
                 status = function(component, references, count, pointer)
                 if status > WARNING:
                     refused(driven, u, status)
-            status = do_step(component, t, h, 1)
+            status = do_step(component, t, h, never_returns)
             if status > WARNING:
                 failed("DoStep", status)
             read()
 
         read()
         return advance
+
+    def save(self) -> fmi2FMUstate:
+        """Ask the FMU for a copy of its state; `free` gives it back.
+
+        Raises:
+            FaultError: the FMU does not give it.
+        """
+        state = fmi2FMUstate()
+        self._call(
+            "GetFMUstate",
+            self._fmu.fmi2GetFMUstate,
+            c=self._fmu.component,
+            FMUstate=ctypes.byref(state),
+        )
+        return state
+
+    def restore(self, state: fmi2FMUstate) -> None:
+        """Put the FMU back into a state that `save` gave.
+
+        Raises:
+            FaultError: the FMU does not take it.
+        """
+        component = self._fmu.component
+        self._call("SetFMUstate", self._fmu.fmi2SetFMUstate, c=component, FMUstate=state)
+
+    def free(self, state: fmi2FMUstate) -> None:
+        """Give a saved state back to the FMU."""
+        with contextlib.suppress(FMICallException):
+            self._fmu.fmi2FreeFMUstate(self._fmu.component, ctypes.byref(state))
 
     def close(self) -> None:
         """Leave the FMU as the standard asks: nothing after Fatal, no Terminate after Error."""

@@ -77,6 +77,7 @@ class FmuPart:
         self._take_seed(seed)
         self._isolate = keys.isolate
         self._instance: Instance | IsolatedInstance | None = None
+        self._returns = False
 
     @classmethod
     def prepare(
@@ -119,11 +120,32 @@ class FmuPart:
         )
         self.warnings = self._instance.warnings
         # The loop calls the instance's own function: one Python frame less per part and tick.
-        self.advance = self._instance.stepper(driven, u, y)  # type: ignore
+        self.advance = self._instance.stepper(driven, u, y, self._returns)  # type: ignore
 
     def advance(self, t: float, h: float) -> None:
         """See `harness.parts.Part.advance`; replaced by the instance's own function in `start`."""
         raise FaultError(f"was asked for t = {t:g} s, h = {h:g} s before it was started")
+
+    def prepare_to_return(self) -> bool:
+        """See `harness.parts.Restorable`: the FMU says whether it can, and not out of process."""
+        model = self.description.model.coSimulation
+        self._returns = bool(model.canGetAndSetFMUstate) and not self._isolate
+        return self._returns
+
+    def save(self) -> Any:
+        """See `harness.parts.Restorable`."""
+        assert isinstance(self._instance, Instance)
+        return self._instance.save()
+
+    def restore(self, saved: Any) -> None:
+        """See `harness.parts.Restorable`."""
+        assert isinstance(self._instance, Instance)
+        self._instance.restore(saved)
+
+    def free(self, saved: Any) -> None:
+        """See `harness.parts.Restorable`."""
+        assert isinstance(self._instance, Instance)
+        self._instance.free(saved)
 
     def kill(self) -> bool:
         """See `harness.parts.Killable`: an isolated FMU can be ended, another one cannot."""

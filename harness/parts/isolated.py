@@ -100,8 +100,11 @@ class IsolatedInstance:
         self._call("begin", stop, dict(start_values), list(preset), np.array(preset_values))
         self.warnings: tuple[str, ...] = self._connection.recv()
 
-    def stepper(self, driven: Sequence[str], u: FloatArray, y: FloatArray) -> Stepper:
-        """See `harness.parts.fmi.Instance.stepper`."""
+    def stepper(
+        self, driven: Sequence[str], u: FloatArray, y: FloatArray, returns: bool = False
+    ) -> Stepper:
+        """See `harness.parts.fmi.Instance.stepper`; states are not saved out of process."""
+        assert not returns
         self._call("stepper", list(driven))
         shared_u = np.frombuffer(self._u)[: len(driven)]
         shared_y = np.frombuffer(self._y)[: len(y)]

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
+from typing import Any
 
 import numpy as np
 import plotly.graph_objects as go
@@ -24,6 +25,9 @@ _ZOOM = 1.0  # s
 _LOOP_SECONDS = 4.0
 _SPECTRUM = (0.5, 50.0)  # Hz
 _SPECTRUM_WINDOW = 2.0  # s
+_ATTENUATION = (0.5, 20.0)  # Hz
+_LEAST_LOOKS = 4
+_LARGEST_ERROR = 0.2
 _MICRO = DISPLAY["m"][1]
 _DEGREES = DISPLAY["rad"][1]
 
@@ -50,6 +54,9 @@ def figures(
         spectrum = _spectra(motion.moved, motion.tip, motion)
         if spectrum is not None:
             yield spectrum
+        attenuation = _attenuation(motion.moved, motion.tip, motion)
+        if attenuation is not None:
+            yield attenuation
     if motion.drive is not None:
         yield _voltages(time, motion.drive)
     if motion.drive is not None and stroke is not None and stroke.shape == motion.drive.shape:
@@ -145,6 +152,45 @@ def _spectra(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
         f"Welch's estimate over the three axes together, Hann windows of {_SPECTRUM_WINDOW:g} s, "
         "linear trend removed.",
         layout(figure, 380),
+    )
+
+
+def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
+    """Tip by tip without compensation and the phase of the correction, from what was recorded."""
+    first = round(motion.settle / motion.step)
+    window = round(_SPECTRUM_WINDOW / motion.step)
+    # Half overlapped Hann windows; two of them are hardly more than one independent estimate.
+    looks = (len(tip) - first) // window
+    if looks < _LEAST_LOOKS:
+        return None
+    how: dict[str, Any] = {"fs": 1 / motion.step, "nperseg": window, "detrend": "linear", "axis": 0}
+    x, correction = moved[first:], (tip - moved)[first:]
+    frequency, power = signal.welch(x, **how)
+    made = signal.welch(correction, **how)[1].sum(axis=1)
+    cross = signal.csd(x, correction, **how)[1].sum(axis=1)
+    total = np.maximum(power.sum(axis=1), np.finfo(float).tiny)
+    response = cross / total
+    error = np.sqrt(np.maximum(made / total - np.abs(response) ** 2, 0.0) / (2 * looks))
+    known = (frequency >= _ATTENUATION[0]) & (frequency <= _ATTENUATION[1])
+    left = np.where(error > _LARGEST_ERROR, np.nan, np.abs(1.0 + response))[known]
+    faint = np.abs(response) < 2.0 * np.maximum(error, _LARGEST_ERROR / 4)
+    phase = np.where(faint, np.nan, np.degrees(np.angle(-response)))[known]
+    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+    figure.add_trace(line(frequency[known], left, _WITH, "tip by hand"), row=1, col=1)
+    figure.add_trace(line(frequency[known], phase, _WITHOUT, "phase of the correction"), 2, 1)
+    figure.add_hline(1.0, line={"color": _INTENT, "width": 0.8, "dash": "dot"}, row=1, col=1)
+    figure.add_vrect(*TREMOR_BAND, fillcolor=_BAND, opacity=0.1, line_width=0)
+    figure.update_yaxes(title_text="tip by hand", rangemode="tozero", row=1, col=1)
+    figure.update_yaxes(title_text="phase, deg", row=2, col=1)
+    figure.update_xaxes(title_text="frequency, Hz", range=[0, _ATTENUATION[1]], row=2, col=1)
+    return Plot(
+        "Attenuation",
+        "What is left of the motion, and by what angle the correction leads it (negative: lags): "
+        f"cross spectra of the record, three axes together, Hann windows of {_SPECTRUM_WINDOW:g} "
+        "s. Left out: where the hand moves too little for a standard error of "
+        f"{_LARGEST_ERROR:g}, and phases of what is hardly a correction. 'steadytip analyze' tells "
+        "which part costs what.",
+        layout(figure, 460),
     )
 
 

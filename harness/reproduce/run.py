@@ -16,7 +16,16 @@ from harness.reproduce.item import Context, Figure, Item, Outcome
 if TYPE_CHECKING:
     from harness.report.page import Section
 
-__all__ = ["PAGE", "Done", "cells", "for_people", "run_items", "write_json", "write_page"]
+__all__ = [
+    "PAGE",
+    "Done",
+    "cells",
+    "for_people",
+    "run_items",
+    "write_figures",
+    "write_json",
+    "write_page",
+]
 
 PAGE = "reproduce.html"
 COLUMNS = ("quantity", "paper", "measured", "unit", "setting")
@@ -93,7 +102,12 @@ def for_people(text: str) -> str:
 
 
 def write_json(path: Path, done: Sequence[Done]) -> Path:
-    """Write all figures as a list of objects; see `Figure`.
+    """Write the figures of all items; see `write_figures`."""
+    return write_figures(path, [figure for one in done for figure in one.outcome.figures])
+
+
+def write_figures(path: Path, figures: Iterable[Figure]) -> Path:
+    """Write figures as a list of objects; see `Figure`.
 
     Raises:
         SteadytipError: the file cannot be written.
@@ -101,7 +115,7 @@ def write_json(path: Path, done: Sequence[Done]) -> Path:
     from harness.errors import SteadytipError
     from harness.record import reason, replacing
 
-    entries = [figure.entry() for one in done for figure in one.outcome.figures]
+    entries = [figure.entry() for figure in figures]
     text = json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
     try:
         path.parent.mkdir(parents=True, exist_ok=True)

@@ -35,10 +35,10 @@ def export_system(
     override: _Overrides = None,
 ) -> None:
     """Write a scenario's system as an .ssp file."""
-    from harness.cli import _overrides
+    from harness.settings import overrides
     from harness.ssp.export import export
 
-    _say(str(export(scenario, out, _overrides(override, None, None))))
+    _say(str(export(scenario, out, overrides(override, None, None))))
 
 
 @app.command("import")

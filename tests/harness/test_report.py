@@ -3,9 +3,13 @@
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
+from scipy import signal
 
 import harness
+from harness.metrics import Motion
+from harness.report.figures import figures
 
 
 @pytest.fixture(scope="module")
@@ -50,6 +54,25 @@ def test_the_closed_loop_keeps_five_times_real_time(closed_loop, tmp_path):
         again = harness.run("closed_loop", out=tmp_path, overrides={"seconds": 5.0}, report=False)
         factor = again.metrics["real_time_factor"].value
     assert factor >= 5.0
+
+
+def test_attenuation_from_a_record_is_that_of_the_loop():
+    """Noise as tremor, 0.8 of it cancelled 3 ms late, noise on the tip.
+
+    Expected Result: |1 - 0.8 exp(-i w 3 ms)|, phase -w 3 ms.
+    """
+    step, n = 1e-3, 40_000
+    generator = np.random.default_rng(1)
+    low_pass = signal.butter(2, 25.0, fs=1 / step, output="sos")
+    moved = 1e-5 * signal.sosfilt(low_pass, generator.normal(size=(n, 3)), axis=0)
+    tip = moved - 0.8 * np.vstack([np.zeros((3, 3)), moved[:-3]])
+    tip += 1e-7 * generator.normal(size=(n, 3))
+    drawn = figures(np.arange(n) * step, Motion(step=step, moved=moved, tip=tip), None, ())
+    (plot,) = (plot for plot in drawn if plot.title == "Attenuation")
+    left, phase = plot.figure.data
+    turns = 2j * np.pi * left.x * 3e-3
+    np.testing.assert_allclose(left.y, np.abs(1 - 0.8 * np.exp(-turns)), atol=0.03)
+    np.testing.assert_allclose(phase.y, -np.degrees(turns.imag), atol=3.0)
 
 
 def test_a_report_loads_nothing_from_anywhere(closed_loop):

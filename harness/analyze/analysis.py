@@ -1,0 +1,330 @@
+"""From a scenario to its delay budget."""
+
+from __future__ import annotations
+
+import os
+import tempfile
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from importlib.util import find_spec
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness.analyze.alone import Block, block_of
+from harness.analyze.operating import Operation, Progress, duration, operate
+from harness.analyze.probing import ComplexArray
+from harness.errors import ProblemsError, SteadytipError
+from harness.metrics import TREMOR_BAND
+from harness.parts import FloatArray, Part
+from harness.scenario import Scenario, load
+from harness.system import System, assemble, moved_part
+
+if TYPE_CHECKING:
+    from harness.analyze.budget import DelayBudget, Margins
+    from harness.analyze.linear import Assembly, Loop
+    from harness.analyze.stages import Stage
+
+__all__ = ["DOUBTFUL", "INCOHERENT", "Analysis", "analyze"]
+
+DOUBTFUL = 0.1
+"""Scatter, or difference of parts and whole, beyond which what is left is not to be trusted."""
+INCOHERENT = 0.9
+"""Coherence below which the phase of the correction is not to be trusted."""
+DEPARTED = 1e-3
+"""Departure of a part alone from the same in the loop that is told."""
+LOOP_SHARE = 0.7
+"""Of the time, what the experiments with the whole loop take."""
+
+
+@dataclass(frozen=True)
+class Analysis:
+    """A delay budget, with what it rests on.
+
+    Attributes:
+        scenario: what was analysed.
+        motion: recording that the size of the tremor is from; None: the scenario's own hand.
+        tremor: rms of the hand's motion in the tremor's band, all axes together [m].
+        whole: (f, tip, axes) motion of the tip by motion of the hand, measured on the whole loop.
+        scatter: (f,) standard error of that, rms of a column.
+        coherence: (f,) of the correction with the motion, over the realisations.
+        product: (f, tip, axes) the same as `whole` from the parts and wires.
+        held_out: (f,) difference between parts and whole, rms of a column; where a part was fitted
+            to the loop, this was done on one realisation, and the whole is that of another one.
+        misfit: for each part, (f,) how far alone it differs from itself in the loop, by its effect.
+        fitted: parts whose response holds for this operation only.
+        loop: frequency responses of the loop opened at the command.
+        stages: phases on the way from hand to correction.
+        budget: what delay it bears.
+        margins: of a feedback loop; None for a feed-forward one.
+        notes: what should be known; sentences.
+    """
+
+    scenario: Scenario
+    motion: Path | None
+    tremor: float
+    whole: ComplexArray
+    scatter: FloatArray
+    coherence: FloatArray
+    product: ComplexArray
+    held_out: FloatArray
+    misfit: Mapping[str, FloatArray]
+    fitted: tuple[str, ...]
+    loop: Loop
+    stages: Sequence[Stage]
+    budget: DelayBudget
+    margins: Margins | None
+    notes: tuple[str, ...]
+
+    @property
+    def doubtful(self) -> FloatArray:
+        """(f,) whether what is left at a line is not to be trusted."""
+        return np.maximum(self.scatter, self.held_out / np.sqrt(2)) > DOUBTFUL
+
+
+def analyze(
+    scenario: str | os.PathLike[str],
+    *,
+    wanted: float = 0.5,
+    motion: str | os.PathLike[str] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    progress: Progress = lambda _share, _what: None,
+    status: Callable[[str], None] = lambda _: None,
+) -> Analysis:
+    """Linearise a loop from its FMUs.
+
+    Args:
+        scenario: path of a scenario file, or the name of a shipped one; its `seconds` do not count.
+        wanted: tip motion that may be left in the tremor's band, of the hand's, between 0 and 1.
+        motion: recording that says how large the tremor is, for the part that takes one.
+        overrides: values by dotted key, put in place of the scenario's.
+        progress: told the share that is done, 0 to 1, and in a few words what is next.
+        status: told in a few words what is being done, as builds are.
+
+    Raises:
+        SteadytipError: python-control is missing, `wanted` is out of range, or the scenario is not
+            one that can be analysed; says what is missing.
+        RunError: a run ended early.
+    """
+    if find_spec("control") is None:
+        raise SteadytipError(
+            "the analysis needs python-control, which is not installed: "
+            "pip install 'steadytip[analyze]'"
+        )
+    if not 0.0 < wanted < 1.0:
+        raise SteadytipError(
+            f"--attenuation {wanted:g}: the share of the tremor that may be left is between 0 and "
+            "1, as in --attenuation 0.5"
+        )
+    settings = dict(overrides or {})
+    given = load(scenario, settings)
+    recording = Path(motion) if motion is not None else None
+    system = assemble(given, recording, status)
+    mover = _mover(system)
+    system = _checked(system, mover)
+    name = os.fspath(scenario)
+    with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as folder:
+        workspace = Path(folder)
+        operation = operate(
+            name,
+            system,
+            settings,
+            recording,
+            workspace,
+            lambda share, what: progress(LOOP_SHARE * share, what),
+        )
+        own = load(scenario, {**settings, "seconds": duration(given)})
+        played = assemble(own, operation.recording)
+        played = replace(played, roles=system.roles)
+        blocks = _blocks(own, played, operation, workspace, progress)
+    progress(1.0, "putting together")
+    return _conclude(played, mover, operation, blocks, wanted, recording)
+
+
+def _mover(system: System) -> str:
+    if len(system.motions) == 1:
+        return next(iter(system.motions))
+    try:
+        return moved_part(system.parts)
+    except SteadytipError as error:
+        raise SteadytipError(
+            f"{system.scenario.name}: the analysis moves the hand as a recording does; {error}"
+        ) from None
+
+
+def _checked(system: System, mover: str) -> System:
+    """The system with the role `drive` filled, once it is known that it can be analysed."""
+    where, roles = system.scenario.name, dict(system.roles)
+    problems = [
+        f"the delay budget compares the tip with and without compensation: signals.{role} is "
+        f'missing; write [signals] {role} = "PART.PORT_*", three outputs [m] in the world'
+        for role in ("moved", "tip")
+        if role not in roles
+    ]
+    problems += [
+        f"part '{name}' is of kind '{part.facts()['kind']}': only FMUs can be measured alone; put "
+        "an FMU in its place"
+        for name, part in system.parts.items()
+        if part.facts()["kind"] not in {"fmu", "replay"}
+    ]
+    if "drive" not in roles:
+        # Every loop has a delayed wire; without a word on it, that is where the command leaves.
+        late = [link for link in system.wiring.links if link.delay]
+        roles["drive"] = tuple(dict.fromkeys(f"{link.source_part}.{link.source}" for link in late))
+        if not late:
+            problems.append(
+                "which signals are the command is not known: signals.drive is missing, and no wire "
+                'has a delay; write [signals] drive = "PART.PORT_*"'
+            )
+    if not problems:
+        downstream = _reached(system, mover)
+        commanding = {name.rpartition(".")[0] for name in roles["drive"]}
+        deaf = sorted(commanding - downstream)
+        if deaf:
+            problems.append(
+                f"nothing senses the hand: no wires lead from '{mover}' to {', '.join(deaf)}, "
+                f"where the command ({', '.join(roles['drive'])}) is made; add a [[wire]] from a "
+                "part that feels the motion"
+            )
+    if problems:
+        raise ProblemsError(where, problems)
+    return replace(system, roles=roles)
+
+
+def _reached(system: System, start: str) -> set[str]:
+    """Parts that wires lead to from one, itself included."""
+    found, waiting = {start}, [start]
+    while waiting:
+        name = waiting.pop()
+        for link in system.wiring.links:
+            if link.source_part == name and link.target_part not in found:
+                found.add(link.target_part)
+                waiting.append(link.target_part)
+    return found
+
+
+def _blocks(
+    scenario: Scenario, system: System, operation: Operation, workspace: Path, progress: Progress
+) -> list[Block]:
+    # The hand first: its label in the results is where the motion begins.
+    names = [name for name in system.wiring.order if system.parts[name].inputs]
+    blocks = []
+    for number, name in enumerate(names):
+
+        def make(name: str = name) -> Part:
+            return assemble(scenario, operation.recording).parts[name]
+
+        def told(share: float, number: int = number, name: str = name) -> None:
+            done = (number + share) / len(names)
+            progress(LOOP_SHARE + (1.0 - LOOP_SHARE) * done, f"{name} alone")
+
+        told(0.0)
+        blocks.append(block_of(make, system, operation, workspace, told))
+    return blocks
+
+
+def _conclude(
+    system: System,
+    mover: str,
+    operation: Operation,
+    blocks: Sequence[Block],
+    wanted: float,
+    motion: Path | None,
+) -> Analysis:
+    from harness.analyze.budget import band, delay_budget, left_of, margins
+    from harness.analyze.linear import LINEAR, attenuation, fitted, put_together
+    from harness.analyze.stages import stages_of
+
+    links, step = system.wiring.links, system.scenario.step
+
+    def assembled(blocks: Sequence[Block]) -> Assembly:
+        return put_together(blocks, links, system.roles, mover, step)
+
+    mean = operation.responses.mean(axis=0)
+    alone = assembled(blocks)
+    misfit = alone.misfit(mean[:, [operation.names.index(name) for name in alone.outputs]])
+    inside = {
+        part: float(np.sqrt(np.mean(band(values, *TREMOR_BAND) ** 2)))
+        for part, values in misfit.items()
+    }
+    bent = tuple(part for part, size in inside.items() if size > LINEAR and part != mover)
+
+    def as_in_loop(seen: ComplexArray) -> Assembly:
+        return assembled(
+            [fitted(b, links, operation, seen, step) if b.part in bent else b for b in blocks]
+        )
+
+    together = as_in_loop(mean)
+    tip, moved = (operation.response(system.roles[role]) for role in ("tip", "moved"))
+    wholes = tip @ np.linalg.inv(moved)
+    whole = wholes.mean(axis=0)
+    corrections = wholes - np.eye(3)
+    power = np.mean(np.sum(np.abs(corrections) ** 2, axis=(2, 3)), axis=0)
+    common = np.sum(np.abs(corrections.mean(axis=0)) ** 2, axis=(1, 2))
+    one, other = as_in_loop(operation.responses[0]), wholes[-1]
+    loop = together.loop
+    stages = stages_of(together)
+    return Analysis(
+        scenario=system.scenario,
+        motion=motion,
+        tremor=float(np.sqrt(np.sum(band(operation.motion.T, *TREMOR_BAND) ** 2) / 2)),
+        whole=whole,
+        scatter=left_of(wholes.std(axis=0)) / np.sqrt(max(len(wholes) - 1, 1)),
+        coherence=_coherence(common / np.maximum(power, np.finfo(float).tiny), len(wholes)),
+        product=attenuation(loop),
+        held_out=left_of(attenuation(one.loop) - other),
+        misfit=misfit,
+        fitted=bent,
+        loop=loop,
+        stages=stages,
+        budget=delay_budget(loop, wanted),
+        margins=margins(loop) if loop.feedback else None,
+        notes=tuple(_notes(blocks, bent, inside, loop, stages, mover)),
+    )
+
+
+def _coherence(raw: FloatArray, realisations: int) -> FloatArray:
+    """Coherence without the part that as few realisations share by chance; 1 where there is one."""
+    if realisations == 1:
+        return np.ones_like(raw)
+    return np.asarray(np.maximum((realisations * raw - 1.0) / (realisations - 1.0), 0.0))
+
+
+def _notes(
+    blocks: Sequence[Block],
+    bent: Sequence[str],
+    misfit: Mapping[str, float],
+    loop: Loop,
+    stages: Sequence[Stage],
+    mover: str,
+) -> list[str]:
+    notes = [
+        "feedback: what the command moves comes back into what it is made from"
+        if loop.feedback
+        else "feed-forward: nothing that the command moves comes back into what it is made from; "
+        "the gain of the loop, measured, is 0"
+    ]
+    if bent:
+        sizes = ", ".join(f"{part} ({100 * misfit[part]:.0f} % of the motion)" for part in bent)
+        notes.append(
+            f"not linear beside the signals of the loop: {sizes}; their responses are those in the "
+            "loop, and hold for motion as large and as broad as here"
+        )
+    notes += [
+        f"'{block.part}' alone departs from what it does in the loop by {block.departure:.2g} of "
+        "its signals, though fed the same: its response is not to be trusted"
+        for block in blocks
+        if block.departure > DEPARTED
+    ]
+    replayed = [block.part for block in blocks if not block.restored]
+    if replayed:
+        notes.append(
+            f"{', '.join(replayed)} cannot save the state; each probe was run from the start"
+        )
+    if not stages:
+        notes.append(
+            f"what each part costs cannot be told: the way from '{mover}' to the tip differs "
+            "between the axes, or goes in circles beside the command"
+        )
+    return notes
