@@ -22,7 +22,7 @@ from harness.identify.cascade import (
 )
 from harness.parts.ssv import read_ssv
 
-QUICK = Training(epochs=2, every=10, copies=1)
+QUICK = Training(epochs=2, every=10, copies=1, output_covariance=1e-2)
 SMALL = Architecture(inputs=8, hidden=2, spacing=5)
 
 

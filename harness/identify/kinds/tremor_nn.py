@@ -42,14 +42,17 @@ def command(
     axes: Annotated[
         str, typer.Option(help="Axes, each of which is a trial of its own; some of xyz.")
     ] = "xyz",
-    inputs: Annotated[int, typer.Option(help="Inputs of the network, 1 to 100.")] = 50,
+    inputs: Annotated[int | None, typer.Option(help="Inputs of the network, 1 to 100.")] = None,
     spacing: Annotated[
-        int, typer.Option(help="Samples of 4 ms from one input to the next, 1 to 5.")
-    ] = 5,
-    hidden: Annotated[int, typer.Option(help="Hidden units that are added, 0 to 10.")] = 6,
+        int | None, typer.Option(help="Samples of 4 ms from one input to the next, 1 to 5.")
+    ] = None,
+    hidden: Annotated[
+        int | None, typer.Option(help="Hidden units that are added, 0 to 10.")
+    ] = None,
     epochs: Annotated[
-        int, typer.Option(help="Passes over the recordings, each on another made-up motion.")
-    ] = 24,
+        int | None,
+        typer.Option(help="Passes over the recordings, each on another made-up motion."),
+    ] = None,
     intent: Annotated[
         float | None,
         typer.Option(
@@ -57,7 +60,7 @@ def command(
             help="Rms of the made-up motion [um]; as large as that recorded by default.",
         ),
     ] = None,
-    seed: Annotated[int, typer.Option(help="Of all that is random.")] = 1,
+    seed: Annotated[int | None, typer.Option(help="Of all that is random.")] = None,
     report: Annotated[bool, typer.Option(help="Write the HTML page beside the set.")] = True,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
@@ -72,13 +75,12 @@ def command(
         raise SteadytipError(f"--out {out}: a parameter set ends in .ssv")
     if not axes or set(axes) - set(neural.AXES) or len(set(axes)) < len(axes):
         raise SteadytipError(f"--axes {axes}: must be some of xyz, each once, as in xz")
-    if not 1 <= epochs <= 1000:
-        raise SteadytipError(f"--epochs {epochs}: must be in [1, 1000]")
-    if seed < 0:
-        raise SteadytipError(f"--seed {seed}: must be 0 or more")
     if intent is not None and not (math.isfinite(intent) and 0 < intent <= 1e5):
         raise SteadytipError(f"--intent {intent:g}: must be above 0 and at most 100000 um")
-    architecture = Architecture(inputs, hidden, spacing)
+    size = {"inputs": inputs, "hidden": hidden, "spacing": spacing}
+    architecture = Architecture(**{name: n for name, n in size.items() if n is not None})
+    how = {"epochs": epochs, "seed": seed}
+    training = Training(**{name: n for name, n in how.items() if n is not None})  # type: ignore[arg-type]
     found = [trial for path in recordings for trial in neural.trials(path, axes, fit)]
     found += [trial for path in test or () for trial in neural.trials(path, axes, "1", "other")]
     with bar(_console, quiet) as progress:
@@ -86,7 +88,7 @@ def command(
         done = neural.evaluate(
             found,
             architecture,
-            Training(epochs=epochs, seed=seed),
+            training,
             None if intent is None else 1e-6 * intent,
             lambda steps, count: progress.update(task, completed=steps, total=count),
         )

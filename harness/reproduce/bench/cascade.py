@@ -46,7 +46,7 @@ HIDDEN = 6
 ONE_FOR_ALL = Architecture(50, HIDDEN)
 AS_PRINTED = Architecture(75, HIDDEN, 1)
 """Inputs at the rate of the recordings, as in the thesis's table 5.1."""
-PRINTED_TRAINING = Training(epochs=1, spread=0.0, every=4)
+PRINTED_TRAINING = Training(epochs=1, spread=0.0, turned=False, every=4)
 """One motion, the error as it was recorded."""
 CEILING_MOTIONS = 10
 RIDGE = 1e-2
