@@ -113,7 +113,7 @@ def _measured(outcome, *words):
 def test_the_error_of_other_trials_is_reduced_as_far_as_told(outcomes):
     """Wanted: 39.5 %, and not reached: a linear filter that knows the tests has no more than 40."""
     outcome = outcomes["table-5.1"]
-    best = _measured(outcome, "best architecture of each by its tests")
+    best = _measured(outcome, "of the rmse; mean", "best architecture of each")
     fixed = _measured(outcome, "for all")
     ceiling = _measured(outcome, "fitted to the tests")
     printed = _measured(outcome, "trained as printed")
