@@ -134,7 +134,10 @@ class Model:
             if self.derive
             else NoDerived()
         )
-        return ca.Function("derive", [p], [derived.pack()], ["p"], ["d"], {"cse": True})
+        packed = derived.pack()
+        if self.matrix and not isinstance(packed, ca.MX):
+            packed = ca.MX(ca.evalf(packed))  # numbers, or nothing at all
+        return ca.Function("derive", [p], [packed], ["p"], ["d"], {"cse": True})
 
     @cached_property
     def variables(self) -> dict[str, list[Scalar]]:

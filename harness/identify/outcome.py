@@ -14,25 +14,23 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, Protocol
 
 import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from scipy import signal
 
-from fmu_src.kit import Model, Parameters, Runner, SteadytipError, range_text
-from fmu_src.kit.records import Field
-from fmu_src.kit.units import BASE, base_exponents
+from fmu_src.kit import Model, Parameters, Runner, SteadytipError
+from fmu_src.kit.records import Field, Scalar
 from fmu_src.pack.build import load_model, model_names
 from fmu_src.piezo import creeping, prandtl_ishlinskii, rate_dependent
 from fmu_src.piezo import modulated_stops as stops
-from harness.errors import ProblemsError
 from harness.identify import hysteresis, modulated_stops
 from harness.identify.recording import Response, runs
-from harness.parts import FloatArray, Unit
-from harness.parts.ssv import SsvValue, write_ssv
-from harness.record import reason, replacing
+from harness.identify.sets import write_scalars
+from harness.parts import FloatArray
+from harness.record import reason
 from harness.report.page import Plot, Section, Table, made_with, write_sections
 from harness.report.plots import GREY, SERIES, layout, line, thinned
 
@@ -269,7 +267,19 @@ class Evaluation:
         return Table(tuple(columns), tuple(rows), frozenset(range(1, len(columns))))
 
 
-def fit_part(text: str, response: Response) -> np.ndarray:
+class Timed(Protocol):
+    """A recording of anything."""
+
+    @property
+    def path(self) -> Path:
+        """File that it comes from."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(n,) [s], from 0 on, rising."""
+
+
+def fit_part(text: str, response: Timed) -> np.ndarray:
     """Samples to fit, (n,).
 
     Args:
@@ -390,8 +400,7 @@ def write_set(path: Path, record: type[Parameters], fits: Mapping[str, Identifie
         ProblemsError: values that the model would refuse.
         SteadytipError: the file cannot be written.
     """
-    values: dict[str, SsvValue] = {}
-    problems: list[str] = []
+    found: list[tuple[Scalar, float]] = []
     for prefix, one in fits.items():
         stacked = np.concatenate(
             [
@@ -399,34 +408,13 @@ def write_set(path: Path, record: type[Parameters], fits: Mapping[str, Identifie
                 for key in record.fields
             ]
         )
-        for scalar, value in zip(record.scalars(prefix), stacked, strict=True):
-            field = scalar.field
-            if not field.min <= value <= field.max:
-                problems.append(
-                    f"{scalar.name} = {value:.6g} {field.unit or ''} must be "
-                    f"{range_text(field.min, field.max)}"
-                )
-            values[scalar.name] = SsvValue(float(value), field.unit, _unit(field.unit))
-    if problems:
-        raise ProblemsError(
-            f"{path} is not written, the recording does not suit the operator (is its voltage that "
-            "ahead of an amplifier? give --gain; --operator modulated-stops takes any range)",
-            problems,
-        )
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as part:
-            part.write_bytes(write_ssv(path.stem, values))
-    except OSError as error:
-        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
-    return path
-
-
-def _unit(name: str | None) -> Unit | None:
-    exponents = base_exponents(name) if name else None
-    if name is None or exponents is None:
-        return None
-    return Unit(name, tuple(exponents.get(base, 0) for base in BASE))
+        found += zip(record.scalars(prefix), stacked.tolist(), strict=True)
+    return write_scalars(
+        path,
+        found,
+        "the recording does not suit the operator (is its voltage that ahead of an amplifier? give "
+        "--gain; --operator modulated-stops takes any range)",
+    )
 
 
 # The page -----------------------------------------------------------------------------------------

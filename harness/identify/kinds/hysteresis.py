@@ -3,17 +3,12 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
 from rich.console import Console
-from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
-if TYPE_CHECKING:
-    import rich.table
-
-    from harness.report.page import Table
+from harness.identify.terminal import bar, printed, say
 
 _console = Console()
 _DEFAULT = "modulated-stops"
@@ -128,19 +123,12 @@ def command(
             f"{takes if len(prefixes) > 1 else 'one operator'}: give one recording, or one for each"
         )
     evaluations = []
-    with Progress(
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TimeElapsedColumn(),
-        console=_console,
-        transient=True,
-        disable=quiet,
-    ) as bar:
+    with bar(_console, quiet) as progress:
         for response, part in zip(responses, parts, strict=True):
-            task = bar.add_task(f"fitting {response.path.name}", total=None)
+            task = progress.add_task(f"fitting {response.path.name}", total=None)
 
             def update(done: int, count: int, task: object = task) -> None:
-                bar.update(task, completed=done, total=count)  # type: ignore[arg-type]
+                progress.update(task, completed=done, total=count)  # type: ignore[arg-type]
 
             evaluations.append(outcome.evaluate(response, chosen, part, update))
 
@@ -155,8 +143,8 @@ def command(
         files["page"] = outcome.write_page(path.with_suffix(".html"), chosen, evaluations)
     if not quiet:
         for what, file in files.items():
-            _say(f"{what}: {file}", "dim")
-        _say(f"for parts that are a {target}: --set part.NAME.parameters={path}", "dim")
+            say(_console, f"{what}: {file}", "dim")
+        say(_console, f"for parts that are a {target}: --set part.NAME.parameters={path}", "dim")
 
 
 def _show(one: object, title: str) -> None:
@@ -165,29 +153,15 @@ def _show(one: object, title: str) -> None:
     assert isinstance(one, Evaluation)
     response = one.response
     _console.print()
-    _say(f"{response.path.name}: {title}, {one.identified.order}", "bold")
-    _say(
+    say(_console, f"{response.path.name}: {title}, {one.identified.order}", "bold")
+    say(
+        _console,
         f"{len(response.time)} samples in {response.time[-1]:.4g} s; "
         + ", ".join(response.columns.values()),
         "dim",
     )
     for note in response.notes:
-        _say(f"note: {note}", "yellow")
-    _console.print(_printed(one.residual_table()))
+        say(_console, f"note: {note}", "yellow")
+    _console.print(printed(one.residual_table()))
     _console.print()
-    _console.print(_printed(one.band_table()))
-
-
-def _printed(table: Table) -> rich.table.Table:
-    from rich.table import Table as Printed
-
-    printed = Printed(box=None, pad_edge=False)
-    for index, name in enumerate(table.columns):
-        printed.add_column(escape(name), justify="right" if index in table.numbers else "left")
-    for row in table.rows:
-        printed.add_row(*map(escape, row))
-    return printed
-
-
-def _say(text: str, style: str) -> None:
-    _console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+    _console.print(printed(one.band_table()))
