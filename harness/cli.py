@@ -82,40 +82,60 @@ def run(
         list[Path] | None,
         typer.Option(help="Recording of hand motion to replay, or a folder of them; one run each."),
     ] = None,
+    variant: Annotated[
+        list[str] | None,
+        typer.Option(help="Variant of the scenario; all of them by default, where it has any."),
+    ] = None,
     override: _Overrides = None,
     seconds: _Seconds = None,
     seed: _Seed = None,
     out: Annotated[
         Path | None,
-        typer.Option(help="Folder of the results; build/runs/SCENARIO[-RECORDING] by default."),
+        typer.Option(
+            help="Folder of the results; build/runs/SCENARIO[-VARIANT][-RECORDING] by default."
+        ),
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the signals as CSV, too.")] = False,
-    report: Annotated[bool, typer.Option(help="Write the HTML report.")] = True,
+    report: Annotated[
+        bool | None, typer.Option(help="Write the HTML report; if left out, not of variants.")
+    ] = None,
+    json: Annotated[Path | None, typer.Option(help="Write what variants reach as JSON.")] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """Run a scenario: build what is missing, record, measure, report."""
-    from harness.console import Display, comparison_table, metrics_table
-    from harness.errors import RunError
+    """Run a scenario: build what is missing, record, measure, report; compare its variants."""
+    from harness.comparison import ranks
+    from harness.console import Display, comparison_table, metrics_table, ranking_table
+    from harness.errors import RunError, SteadytipError
     from harness.parts.recording import recordings
     from harness.runs import run as run_scenario
+    from harness.scenario import load
     from harness.settings import overrides
 
     display = Display(_console, quiet)
     settings = overrides(override, seconds, seed)
-    motions = recordings(motion) if motion else [None]
+    motions: list[Path | None] = [*recordings(motion)] if motion else [None]
+    variants: list[str | None] = [*(variant or load(scenario, settings).variants)] or [None]
+    if json is not None and variants == [None]:
+        raise SteadytipError(f"--json {json}: {scenario} has no variants to compare")
+    todo = [(each, path) for each in variants for path in motions]
     results: dict[str, Any] = {}
+    compared: dict[str, list[Any]] = {each: [] for each in variants if each is not None}
     failed = False
-    for path in motions:
+    for each, path in todo:
+        words = [text for text in (each, path.stem if path else None) if text is not None]
+        if each is not None:
+            display.status(", ".join(words))
         try:
             with display.progress() as progress:
                 result = run_scenario(
                     scenario,
                     motion=path,
                     overrides=settings,
-                    out=out / path.stem if out and path and len(motions) > 1 else out,
+                    variant=each,
+                    out=out / "-".join(words) if out and len(todo) > 1 else out,
                     csv=csv,
-                    report=report,
-                    status=display.status,
+                    report=each is None if report is None else report,
+                    status=display.status if each is None else lambda _: None,
                     progress=progress,
                 )
         except RunError as ended:
@@ -124,11 +144,20 @@ def run(
             if ended.result is None:
                 continue
             result = ended.result
-        results[path.stem if path else scenario] = result.metrics
-        if len(motions) == 1:
+        results["-".join(words) or scenario] = result.metrics
+        if each is not None:
+            compared[each].append(result.metrics)
+        if len(todo) == 1:
             display.show(metrics_table(result.metrics))
         display.files(record=result.file, report=result.report)
-    if len(motions) > 1:
+    if compared and len(todo) > 1:
+        found = ranks(compared)
+        display.show(ranking_table(found))
+        if json is not None:
+            from harness.reproduce.run import write_figures
+
+            write_figures(json, [figure for rank in found for figure in rank.figures(scenario)])
+    elif len(todo) > 1:
         display.show(comparison_table(results))
     if failed:
         raise typer.Exit(1)

@@ -14,6 +14,7 @@ from rich.markup import escape
 from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
 from rich.table import Column, Table
 
+from harness.comparison import RANKED, Rank
 from harness.display import shown
 
 if TYPE_CHECKING:
@@ -121,6 +122,19 @@ def comparison_table(runs: Mapping[str, Mapping[str, Metric]]) -> Table:
     return table
 
 
+def ranking_table(found: Sequence[Rank]) -> Table:
+    """Mean and worst reduction of each variant."""
+    table = Table(Column("variant", overflow="fold"), box=None, pad_edge=False)
+    for name in RANKED:
+        words = name.removeprefix("reduction_").replace("_", " ")
+        table.add_column(escape(f"{words} [%], mean"), justify="right")
+        table.add_column("worst", justify="right")
+    for rank in found:
+        cells = [f"{of[name]:.1f}" for name in RANKED for of in (rank.mean, rank.worst)]
+        table.add_row(escape(rank.variant), *cells)
+    return table
+
+
 def system_tables(system: System) -> Iterator[Table | str]:
     """Parts in run order, wires with units and delays, inputs that nothing drives, notes."""
     scenario = system.scenario
@@ -128,6 +142,8 @@ def system_tables(system: System) -> Iterator[Table | str]:
         f"[bold]{escape(scenario.title)}[/bold] ({scenario.name}): "
         f"{system.steps * scenario.step:g} s, step {scenario.step:g} s, seed {scenario.seed}"
     )
+    if scenario.variants:
+        yield f"variants: {escape(', '.join(scenario.variants))}"
     parts = Table(
         "order", Column("part", no_wrap=True), "kind", "what", "inputs", "outputs", "seed"
     )

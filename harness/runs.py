@@ -29,6 +29,7 @@ def run(
     *,
     motion: str | os.PathLike[str] | None = None,
     overrides: Mapping[str, Any] | None = None,
+    variant: str | None = None,
     out: str | os.PathLike[str] | None = None,
     csv: bool = False,
     report: bool = True,
@@ -41,7 +42,8 @@ def run(
         scenario: path of a scenario file, or the name of a shipped one.
         motion: recording for the one part that takes one.
         overrides: values by dotted key, put in place of the scenario's, `{"part.hand.seed": 3}`.
-        out: folder for the results; by default `build/runs/SCENARIO[-RECORDING]`.
+        variant: which of the scenario's variants.
+        out: folder for the results; by default `build/runs/SCENARIO[-VARIANT][-RECORDING]`.
         csv: write the signals as CSV, too.
         report: write `report.html`.
         status: told in a few words what is being done.
@@ -51,7 +53,7 @@ def run(
         RunError: the run ended early; its `result` holds what was recorded until then.
         SteadytipError: a mistake in the scenario, the recording, or an FMU; nothing was run.
     """
-    checked = scenarios.load(scenario, overrides)
+    checked = scenarios.load(scenario, overrides, variant)
     system = assemble(checked, Path(motion) if motion is not None else None, status)
     folder = Path(out) if out is not None else default_folder(system)
     for note in system.notes:
@@ -99,9 +101,10 @@ def _write(result: Result, status: Callable[[str], None], report: bool) -> None:
 
 
 def default_folder(system: System) -> Path:
-    """`build/runs/SCENARIO[-RECORDING]` below the current directory."""
-    recordings = [path.stem for path in system.motions.values()]
-    return Path("build", "runs", "-".join([system.scenario.name, *recordings]))
+    """`build/runs/SCENARIO[-VARIANT][-RECORDING]` below the current directory."""
+    scenario = system.scenario
+    parts = [scenario.name, scenario.variant, *(path.stem for path in system.motions.values())]
+    return Path("build", "runs", "-".join(part for part in parts if part))
 
 
 def facts_of(system: System) -> dict[str, Any]:
@@ -110,6 +113,7 @@ def facts_of(system: System) -> dict[str, Any]:
     return {
         "scenario": scenario.name,
         "title": scenario.title,
+        "variant": scenario.variant,
         "step": scenario.step,
         "steps": system.steps,
         "settle": scenario.settle,

@@ -20,8 +20,6 @@ SOURCE = "A04 figure 5.5"
 HANDS = "hand_motion_m2s2"
 PAPER = {"WflcFlc": 69.0}
 """Reduction of the rms a-posteriori in the experiment behind the figure (A04 5.2.1) [%]."""
-LOWEST = -50.0
-"""Where the axis of the bars ends [%]."""
 SHOWN = (8.0, 10.0)
 """Of a recording [s]."""
 DEFINITIONS = ("a-posteriori", "in-band")
@@ -218,64 +216,21 @@ def _intent_figures(disturbances: Mapping[str, Mapping[str, float]]) -> list[Fig
 
 
 def _bars(ranks: Columns, ceilings: Columns) -> Plot:
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
     from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout
     from harness.reproduce.bench.ceilings import EAGER
+    from harness.reproduce.bench.ranking import LOWEST, ranking
 
     ranked = dict(sorted(ranks.items(), key=lambda entry: entry[1][0.0].mean.a_posteriori))
     marks = {name: columns for name, columns in ceilings.items() if name != EAGER}
-    rows = {**ranked, **dict(reversed(list(marks.items())))}
-    colours = [SERIES[0] if name in ranks else GREY for name in rows]
-    plot = make_subplots(
-        rows=1,
-        cols=2,
-        shared_yaxes=True,
-        horizontal_spacing=0.04,
-        subplot_titles=DEFINITIONS,
-    )
-    for place, part in enumerate(("a_posteriori", "in_band"), start=1):
-        means = [getattr(columns[0.0].mean, part) for columns in rows.values()]
-        worst = [getattr(columns[0.0].worst, part) for columns in rows.values()]
-        plot.add_trace(
-            go.Bar(
-                x=means,
-                y=list(rows),
-                orientation="h",
-                name="mean",
-                marker={"color": colours},
-                text=[f"{value:.1f}" for value in means],
-                textposition="inside",
-                insidetextanchor="start",
-                insidetextfont={"color": "white"},
-                showlegend=False,
-            ),
-            row=1,
-            col=place,
-        )
-        plot.add_trace(
-            go.Scatter(
-                x=worst,
-                y=list(rows),
-                mode="markers",
-                name="worst recording",
-                marker={"color": SERIES[1], "symbol": "diamond", "size": 9},
-                showlegend=place == 1,
-            ),
-            row=1,
-            col=place,
-        )
-    layout(plot, 120 + 46 * len(rows))
-    plot.update_layout(legend={"y": -0.18, "yanchor": "top"})
-    plot.update_xaxes(title_text="reduction, %", range=[LOWEST, 100.0])
-    plot.update_yaxes(automargin=True)
+    rows = {
+        name: [(s.a_posteriori, s.in_band) for s in (columns[0.0].mean, columns[0.0].worst)]
+        for name, columns in {**ranked, **dict(reversed(list(marks.items())))}.items()
+    }
     return Plot(
         "Filters and ceilings",
         "Reduction of recorded tremor without delay by both definitions: filters in colour, "
         f"ceilings in grey. What is below {LOWEST:g} % leaves the plot.",
-        plot,
+        ranking(rows, DEFINITIONS, grey=marks),
     )
 
 

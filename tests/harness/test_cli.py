@@ -1,5 +1,6 @@
 """The command line: what it prints, and its exit codes."""
 
+import json
 import re
 import subprocess
 import sys
@@ -57,6 +58,31 @@ def test_a_folder_of_recordings_is_run_one_by_one_and_compared(
     assert out.count("record:") == 2
     assert "mean" in out
     assert len(list((tmp_path / "out").glob("S_pointing*/results.parquet"))) == 2
+
+
+def test_variants_are_run_compared_and_written(tmp_path, monkeypatch, capsys):
+    """Two chains of the shipped bench for a short time; one by name prints its figures."""
+    arguments = ("run", "tremor_bench", "--seconds", "6", "--out", str(tmp_path / "out"))
+    both = ("--variant", "inertial-forecaster", "--variant", "shelving")
+    file = tmp_path / "bench.json"
+    code, out, _ = call(monkeypatch, capsys, *arguments, *both, "--json", str(file))
+    assert code == 0
+    assert out.index("variant a posteriori") < out.index("in band [%], mean worst")
+    assert out.rindex("inertial-forecaster") < out.rindex("shelving")
+    entries = json.loads(file.read_text("utf-8"))
+    assert {entry["quantity"] for entry in entries} >= {"reduction in band, mean: shelving"}
+    assert all(entry["source"] == "tremor_bench" for entry in entries)
+    assert (tmp_path / "out" / "shelving" / "results.parquet").is_file()
+
+    code, out, _ = call(monkeypatch, capsys, *arguments, "--variant", "shelving")
+    assert code == 0
+    assert "reduction_in_band" in out
+    code, _, err = call(monkeypatch, capsys, *arguments, "--variant", "shelvin")
+    assert code == 2
+    assert "did you mean 'shelving'?" in err
+    code, _, err = call(monkeypatch, capsys, "run", "closed_loop", "--json", str(file))
+    assert code == 2
+    assert "closed_loop has no variants to compare" in err
 
 
 def test_version_is_printed():

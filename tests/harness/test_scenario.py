@@ -238,3 +238,73 @@ def test_a_parts_seed_follows_from_seed_and_name_alone(seed, name):
     assert 0 <= part_seed(seed, name) < 2**32
     assert part_seed(seed, name) != part_seed(seed + 1, name)
     assert part_seed(seed, name) != part_seed(seed, name + "'")
+
+
+VARIED = (
+    HEAD
+    + """
+[part.a]
+fmu = "a.fmu"
+gain = 1.0
+[part.b]
+fmu = "b.fmu"
+[[wire]]
+from = "a.y"
+to   = "b.u"
+[variant.loud.part.a]
+gain = 9.0
+[[variant.crossed.wire]]
+from = "a.z"
+to   = "b.u"
+"""
+)
+
+
+def test_a_variant_changes_what_it_names_and_nothing_else(tmp_path):
+    path = write(tmp_path, VARIED)
+    plain, loud, crossed = (load(path, None, name) for name in (None, "loud", "crossed"))
+    assert plain.variants == loud.variants == ("loud", "crossed")
+    assert (plain.variant, loud.variant) == (None, "loud")
+    assert [s.parts["a"].settings["gain"] for s in (plain, loud, crossed)] == [1.0, 9.0, 1.0]
+    assert [wire.source for wire in loud.wires] == ["a.y"]
+    assert [wire.source for wire in crossed.wires] == ["a.z"]
+    assert load(path, {"part.a.gain": 3.0}, "loud").parts["a"].settings["gain"] == 3.0
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        (VARIED, r"case.toml has no variant 'lowd'; did you mean 'loud'\?"),
+        (HEAD, "case.toml has no variant 'lowd'; it has none"),
+        (HEAD + "variant = 3\n", r"'variant' holds tables, as in \[variant.NAME.part.hand\]"),
+        ("extends = 3\n", "'extends' names scenarios, not"),
+    ],
+)
+def test_mistakes_about_variants_are_named(text, message, tmp_path):
+    with pytest.raises(SteadytipError, match=message):
+        load(write(tmp_path, text), None, "lowd")
+
+
+def test_several_scenarios_are_laid_over_each_other(tmp_path):
+    """The later one wins; what both extend counts once."""
+    write(tmp_path, VARIED, "base.toml")
+    write(tmp_path, 'extends = "base.toml"\n[part.a]\ngain = 2.0\n', "one.toml")
+    write(tmp_path, 'extends = "base.toml"\n[part.a]\nseed = 5\n', "other.toml")
+    both = load(write(tmp_path, 'extends = ["one.toml", "other.toml"]\ntitle = "both"\n'))
+    assert both.parts["a"].settings["seed"] == 5
+    assert len(both.wires) == 1
+    assert [name for name, _ in both.texts] == ["base.toml", "one.toml", "other.toml", "case.toml"]
+
+
+@pytest.mark.parametrize("name", ["tremor_bench", "tremor_bench_a04_noise"])
+def test_every_variant_of_the_bench_is_wired_and_senses_as_the_loop_does(name):
+    variants = load(name).variants
+    assert {"inertial-forecaster", "thesis-as-printed", "position-known"} <= set(variants)
+    noisy = "a04" in name
+    for variant in variants:
+        scenario = load(name, None, variant)
+        ends = [wire.target for wire in scenario.wires]
+        assert len(ends) == len(set(ends))
+        assert ("accelerometer_noise" in scenario.parts["sensors"].settings) == noisy
+        hears = {wire.source.split(".")[0] for wire in scenario.wires if "filter." in wire.target}
+        assert ("instrument" in hears) == (variant == "position-known")
