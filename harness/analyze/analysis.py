@@ -232,7 +232,7 @@ def _conclude(
     wanted: float,
     motion: Path | None,
 ) -> Analysis:
-    from harness.analyze.budget import band, delay_budget, left_of, margins
+    from harness.analyze.budget import band, correction_of, delay_budget, left_of, margins
     from harness.analyze.linear import LINEAR, attenuation, fitted, put_together
     from harness.analyze.stages import stages_of
 
@@ -264,7 +264,8 @@ def _conclude(
     common = np.sum(np.abs(corrections.mean(axis=0)) ** 2, axis=(1, 2))
     one, other = as_in_loop(operation.responses[0]), wholes[-1]
     loop = together.loop
-    stages = stages_of(together)
+    product = attenuation(loop)
+    stages = stages_of(together, np.angle(correction_of(product)))
     return Analysis(
         scenario=system.scenario,
         motion=motion,
@@ -272,7 +273,7 @@ def _conclude(
         whole=whole,
         scatter=left_of(wholes.std(axis=0)) / np.sqrt(max(len(wholes) - 1, 1)),
         coherence=_coherence(common / np.maximum(power, np.finfo(float).tiny), len(wholes)),
-        product=attenuation(loop),
+        product=product,
         held_out=left_of(attenuation(one.loop) - other),
         misfit=misfit,
         fitted=bent,

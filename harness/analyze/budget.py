@@ -21,7 +21,17 @@ from harness.analyze.linear import Loop, attenuation, changed, responses
 from harness.analyze.probing import OMEGA, ComplexArray, within
 from harness.parts import FloatArray
 
-__all__ = ["BAND", "INTENT", "DelayBudget", "Margins", "band", "delay_budget", "left_of", "margins"]
+__all__ = [
+    "BAND",
+    "INTENT",
+    "DelayBudget",
+    "Margins",
+    "band",
+    "correction_of",
+    "delay_budget",
+    "left_of",
+    "margins",
+]
 
 BAND = (8.0, 12.0)
 """Where tremor is (A04 1.1) [Hz]."""
@@ -89,6 +99,11 @@ def band(values: FloatArray, low: float = BAND[0], high: float = BAND[1]) -> Flo
 def left_of(response: ComplexArray) -> FloatArray:
     """(f,) what is left of a motion along any axis; A is (f, tip, axes)."""
     return np.asarray(np.linalg.norm(response, axis=(1, 2)) / math.sqrt(response.shape[2]))
+
+
+def correction_of(response: ComplexArray) -> ComplexArray:
+    """(f,) what is taken away of a motion, summed over the axes; A is (f, 3, 3)."""
+    return np.asarray(np.trace(np.eye(3) - response, axis1=1, axis2=2))
 
 
 def _in_band(loop: Loop) -> float:

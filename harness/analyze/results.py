@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 
 from harness.analyze.analysis import DOUBTFUL, INCOHERENT, Analysis
-from harness.analyze.budget import BAND, INTENT, band, left_of
+from harness.analyze.budget import BAND, INTENT, band, correction_of, left_of
 from harness.analyze.operating import AXES
 from harness.analyze.probing import FREQUENCIES, SPACING
 from harness.display import shown
@@ -41,8 +41,7 @@ def _line(frequency: float) -> int:
 
 def _phase(analysis: Analysis) -> FloatArray:
     """(f,) phase of the correction against the motion, positive where it leads [deg]."""
-    diagonal = np.trace(np.eye(3) - analysis.whole, axis1=1, axis2=2)
-    return np.degrees(np.angle(diagonal))
+    return np.degrees(np.angle(correction_of(analysis.whole)))
 
 
 def figures(analysis: Analysis) -> list[Figure]:

@@ -10,7 +10,9 @@ they have one phase, up to a half turn:
 A part costs the difference between phi of what leaves it and of what comes in. Costs add up to the
 phase of the correction. Half turns are chosen so that the phase of each stage, continued straight
 from the tremor's band to 0 Hz, ends nearest to zero: a pure delay comes out as one however long it
-is. Parts that stand side by side are one stage.
+is. What is then left of a turn between their sum and the correction is the sign of one stage, as of
+a part from acceleration to displacement: that which is farthest from zero in the band gives it up.
+Parts that stand side by side are one stage.
 """
 
 from __future__ import annotations
@@ -88,19 +90,27 @@ class _Way:
     begins: tuple[int, ...]
 
 
-def stages_of(assembly: Assembly) -> list[Stage]:
-    """Stages in their order; none where the way goes in circles beside the loop of the command."""
+def stages_of(assembly: Assembly, correction: FloatArray) -> list[Stage]:
+    """Stages in their order; none where the way goes in circles beside the loop of the command.
+
+    Args:
+        assembly: parts and wires.
+        correction: (f,) phase of the correction against the motion, up to whole turns [rad].
+    """
     found = [_along(assembly, axis) for axis in range(len(AXES))]
     # Axes may have parts of their own, but only ways of one shape have stages in common.
     if not all(found) or len({tuple(samples for _, samples, _ in one) for one in found}) > 1:
         return []
+    phases = [_unwound(_mean([one[i][2] for one in found])) for i in range(len(found[0]))]
     return [
         Stage(
             parts=tuple(sorted({part for one in found for part in one[i][0]})),
             samples=samples,
-            phase=_unwound(_mean([one[i][2] for one in found])),
+            phase=phase,
         )
-        for i, (_, samples, _) in enumerate(found[0])
+        for i, ((_, samples, _), phase) in enumerate(
+            zip(found[0], _signed(phases, correction), strict=True)
+        )
     ]
 
 
@@ -234,3 +244,15 @@ def _unwound(phase: FloatArray) -> FloatArray:
     inside = within(*TREMOR_BAND)
     at_zero = np.polynomial.Polynomial.fit(OMEGA[inside], whole[inside], 1)(0.0)
     return np.asarray(whole - HALF_TURN * np.round(at_zero / HALF_TURN))
+
+
+def _signed(phases: list[FloatArray], correction: FloatArray) -> list[FloatArray]:
+    """The same, adding up to a phase that is known up to whole turns."""
+    inside = within(*TREMOR_BAND)
+    missing = (correction - np.sum(phases, axis=0))[inside]
+    if not phases or np.sum(np.exp(1j * missing)).real >= 0:
+        return phases
+    middles = [float(np.mean(phase[inside])) for phase in phases]
+    farthest = int(np.argmax(np.abs(middles)))
+    phases[farthest] = phases[farthest] - np.sign(middles[farthest]) * HALF_TURN
+    return phases
