@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lfilter
 
 from fmu_src.kit import Runner, design
 from fmu_src.kit import sensing_kinematics as kinematics
@@ -92,6 +93,54 @@ def test_a_gap_leaves_no_step(name, artificial):
     largest = np.abs(artificial.target).max()
     assert np.all(np.isfinite(found))
     assert np.abs(found[gap.start - 10 :]).max() < 1.5 * largest
+
+
+HALF = 6000  # samples before a change, and after it
+STILL, LOW, HIGH = (0.0, 8.0), (20e-6, 8.0), (20e-6, 11.0)  # size [m] and frequency [Hz]
+LARGE = (100e-6, 8.0)
+CHANGES = {
+    "onset": (STILL, LOW),
+    "stop": (LOW, STILL),
+    "five times": (LOW, LARGE),
+    "a fifth": (LARGE, LOW),
+    "frequency up": (LOW, HIGH),
+    "frequency down": (HIGH, LOW),
+}
+
+
+def felt(*tones):
+    """Tones one after the other, along each axis of the body, and forces with noise, (n, 6)."""
+    angle, displaced, accelerated = np.arange(3.0), [], []
+    for size, frequency in tones:
+        turns = angle + 2 * np.pi * frequency * T * np.arange(1, HALF + 1)[:, None]
+        displaced.append(size * np.sin(turns))
+        accelerated.append(-((2 * np.pi * frequency) ** 2) * displaced[-1])
+        angle = turns[-1]
+    force = np.concatenate(accelerated)[:, [axis for _, axis in kinematics.PLACES]]
+    force = force + design.ACCELEROMETER_NOISE / np.sqrt(2 * T) * NOISE[: len(force)]
+    lag = np.exp(-T / design.SENSOR_LAG)
+    return np.concatenate(displaced), lfilter([1 - lag], [1, -lag], force, axis=0)
+
+
+NOISE = np.random.default_rng(5).standard_normal((2 * HALF, 6))
+
+
+@pytest.mark.parametrize("change", CHANGES)
+@pytest.mark.parametrize("name", MODELS)
+def test_a_change_of_the_tremor_is_followed(name, change):
+    """Never much more than the tremor, and after some seconds nearly what a lasting one leaves."""
+    before, after = CHANGES[change]
+    wanted, force = felt(before, after)
+    found = Runner(MODELS[name]).run(2 * HALF, {"force": force})["tremor"]
+    largest = np.abs(wanted).max()
+    assert np.abs(found).max() < 3.5 * largest
+    left = np.std((wanted - found)[-1000:])
+    if after is STILL:
+        assert left < 0.1 * largest
+    else:
+        assert left < {"InertialForecaster": 0.2, "InertialOscillators": 0.5}[name] * np.std(
+            wanted[-1000:]
+        )
 
 
 @pytest.mark.parametrize("name", MODELS)
