@@ -6,6 +6,7 @@
 
 Weights are the state of a Kalman filter whose measurement is the output (Nechyba 1998). Between
 nodes the covariance is neglected: one matrix for the output, one for the hidden unit that is new.
+`ndekf` computes it.
 
 A network begins without hidden units, so as a linear filter. Then units are added one at a time: a
 pool of candidates, some of each activation with random weights, is trained side by side, each with
