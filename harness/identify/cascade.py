@@ -6,6 +6,7 @@
 
 Weights are the state of a Kalman filter whose measurement is the output (Nechyba 1998). Between
 nodes the covariance is neglected: one matrix for the output, one for the hidden unit that is new.
+`ndekf` computes it.
 
 A network begins without hidden units, so as a linear filter. Then units are added one at a time: a
 pool of candidates, some of each activation with random weights, is trained side by side, each with
@@ -42,6 +43,7 @@ from scipy import signal
 
 from fmu_src.tremor.cascade_neural import ACTIVATIONS, HIDDEN, INPUTS, SAMPLE_PERIOD, SPACINGS
 from harness.errors import SteadytipError
+from harness.identify.ndekf import train_output, train_pool
 from harness.parts import FloatArray
 
 __all__ = ["Architecture", "Network", "Training", "pseudo_motion", "train", "train_filter"]
@@ -376,17 +378,9 @@ def _activated(kind: int, z: FloatArray) -> FloatArray:
 def _train_output(
     zeta: FloatArray, wanted: FloatArray, start: FloatArray, order: np.ndarray, how: Training
 ) -> FloatArray:
-    """Weights of the output alone, (k,): one node, psi = 1."""
-    w, P = start.copy(), how.output_covariance * np.eye(len(start))
-    for sample in order:
-        row = zeta[sample]
-        phi = P @ row
-        A = 1 / (how.noise + row @ phi)
-        w += A * (wanted[sample] - w @ row) * phi
-        P -= A * np.outer(phi, phi)
-        if how.drift:
-            P.flat[:: len(P) + 1] += how.drift
-    return w
+    return train_output(
+        zeta[order], wanted[order], start, how.noise, how.output_covariance, how.drift
+    )
 
 
 def _best_candidate(
@@ -408,39 +402,18 @@ def _best_candidate(
         rng: of the weights at the start.
     """
     size, pool = zeta.shape[1], how.copies * len(ACTIVATIONS)
-    w = rng.standard_normal((pool, size)) / np.sqrt(size)
+    weights = np.zeros((2, pool, size + 1))
+    weights[0, :, :-1] = rng.standard_normal((pool, size)) / np.sqrt(size)
     # A hint of the unit in the output: with none, nothing would tell its weights where to go.
-    v = np.column_stack((np.tile(out, (pool, 1)), np.full(pool, 0.1)))
-    P = np.tile(how.hidden_covariance * np.eye(size), (pool, 1, 1))
-    S = np.tile(how.output_covariance * np.eye(size + 1), (pool, 1, 1))
-    S[:, -1, -1] = how.hidden_covariance * size
-    groups = [
-        (activation, slice(k * how.copies, (k + 1) * how.copies))
-        for k, activation in enumerate(ACTIVATIONS.values())
-    ]
-    value, slope = np.empty(pool), np.empty(pool)
-    into = np.empty((pool, size + 1))
-    for sample in order:
-        row = zeta[sample]
-        z = w @ row
-        for activation, part in groups:
-            value[part], slope[part] = activation.value(z[part], np), activation.slope(z[part], np)
-        into[:, :-1], into[:, -1] = row, value
-        psi = v[:, -1] * slope
-        phi = P @ row
-        chi = (S @ into[:, :, None])[:, :, 0]
-        A = 1 / (how.noise + psi**2 * (phi @ row) + np.sum(chi * into, axis=1))
-        step = A * (wanted[sample] - np.sum(v * into, axis=1))
-        w += (step * psi)[:, None] * phi
-        v += step[:, None] * chi
-        P -= ((A * psi**2)[:, None] * phi)[:, :, None] * phi[:, None, :]
-        S -= (A[:, None] * chi)[:, :, None] * chi[:, None, :]
-        if how.drift:
-            P[:, range(size), range(size)] += how.drift
-            S[:, range(size + 1), range(size + 1)] += how.drift
+    weights[1] = np.append(out, 0.1)
+    covariances = np.empty((2, size + 1))
+    covariances[0], covariances[1] = how.hidden_covariance, how.output_covariance
+    covariances[1, -1] = how.hidden_covariance * size
+    w, v = train_pool(zeta[order], wanted[order], weights, covariances, how.noise, how.drift)
+    z, linear = (zeta @ each[:, :-1].T for each in (w, v))
     left = []
     for k in range(pool):
-        hidden = _activated(k // how.copies + 1, zeta @ w[k])
-        left.append(_rms(wanted - zeta @ v[k, :-1] - v[k, -1] * hidden))
+        hidden = _activated(k // how.copies + 1, z[:, k])
+        left.append(_rms(wanted - linear[:, k] - v[k, -1] * hidden))
     best = int(np.argmin(left))
-    return Node(best // how.copies + 1, w[best])
+    return Node(best // how.copies + 1, w[best, :-1])

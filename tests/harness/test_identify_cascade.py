@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from fmu_src.kit import Runner, SteadytipError
-from fmu_src.tremor.cascade_neural import MODEL, SAMPLE_PERIOD
+from fmu_src.tremor.cascade_neural import ACTIVATIONS, MODEL, SAMPLE_PERIOD
 from harness.cli import main
 from harness.identify import neural
 from harness.identify.cascade import (
@@ -20,6 +20,7 @@ from harness.identify.cascade import (
     train,
     train_filter,
 )
+from harness.identify.ndekf import train_output, train_pool
 from harness.parts.ssv import read_ssv
 
 QUICK = Training(epochs=2, every=10, copies=1, output_covariance=1e-2)
@@ -46,10 +47,10 @@ def _random_network(seed):
     return Network(size, 1.3e-4, nodes, (out,), (0.0,))
 
 
-@pytest.mark.parametrize("seed", range(6))
+@pytest.mark.parametrize("seed", range(4))
 def test_the_model_is_the_network_of_the_trainer(seed):
     network, place = _random_network(seed), [1e-4, 0.0, -3e-4]
-    motion = 0.3 * _hand(4.0, seed)
+    motion = 0.3 * _hand(2.2, seed)
     run = Runner(MODEL, network.parameters(place)).run(len(motion), {"position": motion + place})
     lead = network.architecture.lead
     for axis in range(3):
@@ -61,6 +62,43 @@ def test_windows_hold_the_newest_first_and_nothing_of_the_future():
     windows = Architecture(inputs=4, spacing=3).windows(np.arange(30.0))
     np.testing.assert_array_equal(windows[0], [9, 6, 3, 0])
     np.testing.assert_array_equal(windows[-1], [29, 26, 23, 20])
+
+
+def _sample_by_sample(zeta, wanted, w, v, covariances, noise, drift, activation):
+    """The filter of one candidate as A04 5.3.2 prints it."""
+    P, S = (np.diag(each) for each in covariances)
+    P = P[:-1, :-1]
+    for row, target in zip(zeta, wanted, strict=True):
+        into = np.append(row, activation.value(w @ row, np))
+        psi = v[-1] * activation.slope(w @ row, np)
+        A = 1 / (noise + psi**2 * (row @ P @ row) + into @ S @ into)
+        miss = target - v @ into
+        w, v = w + A * psi * miss * (P @ row), v + A * miss * (S @ into)
+        P = P - A * psi**2 * np.outer(P @ row, P @ row) + drift * np.eye(len(w))
+        S = S - A * np.outer(S @ into, S @ into) + drift * np.eye(len(v))
+    return np.append(w, 0.0), v
+
+
+@pytest.mark.parametrize("drift", [0.0, 1e-4])
+def test_samples_taken_by_blocks_give_the_filter_of_the_thesis(drift):
+    rng = np.random.default_rng(8)
+    zeta, wanted = rng.standard_normal((45, 5)), rng.standard_normal(45)
+    weights = rng.normal(0, 0.5, (2, 2 * len(ACTIVATIONS), 6))
+    covariances = rng.uniform(0.1, 0.5, (2, 6))
+    found = train_pool(zeta, wanted, weights, covariances, 0.3, drift)
+    for k in range(weights.shape[1]):
+        w, v = weights[0, k, :-1], weights[1, k]
+        activation = list(ACTIVATIONS.values())[k // 2]
+        expected = _sample_by_sample(zeta, wanted, w, v, covariances, 0.3, drift, activation)
+        np.testing.assert_allclose(found[0, k, :-1], expected[0][:-1], atol=1e-12)
+        np.testing.assert_allclose(found[1, k], expected[1], atol=1e-12)
+
+
+def test_an_output_ends_as_sample_by_sample():
+    rng = np.random.default_rng(9)
+    zeta, wanted, start = rng.standard_normal((70, 4)), rng.standard_normal(70), np.arange(4.0)
+    at_once, in_turn = (train_output(zeta, wanted, start, 0.3, 0.2, q) for q in (0.0, 1e-15))
+    np.testing.assert_allclose(at_once, in_turn, atol=1e-12)
 
 
 def test_a_linear_system_is_found_as_least_squares_find_it():

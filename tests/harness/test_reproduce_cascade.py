@@ -6,6 +6,7 @@ import pytest
 from harness.errors import SteadytipError
 from harness.identify.cascade import RATE, Architecture, Network, Training
 from harness.identify.neural import Trial, unseen
+from harness.reproduce.bench import cascade
 from harness.reproduce.bench.cascade import Hand, protocol
 from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.item import Context
@@ -87,6 +88,13 @@ def test_the_tables_need_recordings():
 
 @pytest.fixture(scope="module")
 def outcomes(data_dir):
+    """Tables with one architecture; the search for the best is for `steadytip reproduce`."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(cascade, "GRID", (cascade.ONE_FOR_ALL.inputs,))
+        return _outcomes(data_dir)
+
+
+def _outcomes(data_dir):
     found = {}
     for item in chosen(["neural-filter"], items()):
         shares = []
@@ -119,7 +127,7 @@ def test_the_error_of_other_trials_is_reduced_as_far_as_told(outcomes):
     printed = _measured(outcome, "trained as printed")
     assert printed + 5 < fixed <= best < ceiling
     assert fixed == pytest.approx(38.0, abs=0.7)
-    assert best == pytest.approx(38.7, abs=0.7)
+    assert best == pytest.approx(38.3, abs=0.7)
     assert best < WANTED < ceiling < WANTED + 2
 
 
