@@ -1,9 +1,21 @@
-"""Shared fixtures: where the recordings are."""
+"""What several folders of tests share: where the recordings are, and each model in one process."""
 
 import os
 from pathlib import Path
+from typing import Any
 
 import pytest
+
+from fmu_src.pack import model_names
+
+
+def by_model() -> list[Any]:
+    """Parameters of a fixture or test: the name of each model.
+
+    All that is done with one model is done by the same worker, so that the model is recorded,
+    built, described and unpacked once.
+    """
+    return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in model_names()]
 
 
 @pytest.fixture(scope="session")

@@ -54,6 +54,15 @@ class Runner:
             _assign(table, self.model.inputs, name, value)
         draws = uniforms(self._seed, self.samples, samples, self.model.draws)
 
+        results = self._evaluated(table, draws)
+        self.samples += samples
+        return {
+            name: _unstack(results[:, place], field)
+            for name, field, place in _places(self.model.outputs)
+        }
+
+    def _evaluated(self, table: np.ndarray, draws: np.ndarray) -> np.ndarray:
+        """Stacked outputs of every sample, from stacked inputs and draws; moves the state on."""
         function: Any = self.model.step_function
         buffer, evaluate = function.buffer()
         u, r = np.empty(table.shape[1]), np.empty(draws.shape[1])
@@ -63,17 +72,13 @@ class Runner:
             buffer.set_arg(place, array.data)
         for place, array in enumerate(outcomes):
             buffer.set_res(place, array.data)
-        results = np.empty((samples, len(y)))
-        for k in range(samples):
+        results = np.empty((len(table), len(y)))
+        for k in range(len(table)):
             u[:], r[:] = table[k], draws[k]
             evaluate()
             self.x[:] = following
             results[k] = y
-        self.samples += samples
-        return {
-            name: _unstack(results[:, place], field)
-            for name, field, place in _places(self.model.outputs)
-        }
+        return results
 
 
 def _places(record: type[Record], prefix: str = "", at: int = 0) -> list[tuple[str, Field, slice]]:

@@ -6,6 +6,7 @@ Together with `shell.c` they are the whole FMU: `fmu.c` includes the other three
 import math
 import re
 import tempfile
+from collections import Counter
 from collections.abc import Collection
 from functools import cache, partial
 from pathlib import Path
@@ -38,6 +39,7 @@ _EXPORTED = re.compile(
     r"^CASADI_SYMBOL_EXPORT [^;{]*?(\w+)\([^;{]*\) ?\{([^\n]*\}|.*?\n\})\n", re.M | re.S
 )
 _PATTERN = re.compile(r"^(static const casadi_int |#define )(casadi_s\d+)\b.*\n", re.M)
+_NAME = re.compile(r"\bcasadi_s\d+\b")
 _HEAD = re.compile(r"^(.*\(const casadi_real\*\* arg, casadi_real\*\* res, .*\) ?\{\n)", re.M)
 _UNUSED = "  (void)arg; (void)res; (void)iw; (void)w; (void)mem;\n"
 
@@ -82,16 +84,16 @@ def functions(model: Model) -> str:
     text = _EXPORTED.sub(lambda found: _kept(found, called), text)
     text = _HEAD.sub(rf"\1{_UNUSED}", text)
     # Some patterns name others, as a macro; what nothing names goes.
-    while (short := _PATTERN.sub(partial(_named, text), text)) != text:
+    while (short := _PATTERN.sub(partial(_named, Counter(_NAME.findall(text))), text)) != text:
         text = short
     counts = [f" * {name}: {f.n_instructions()} operations" for name, f in called.items()]
     title = "/* Generated from the recorded model; do not edit."
     return "\n".join([title, *counts, " */", text])
 
 
-def _named(text: str, found: re.Match[str]) -> str:
-    """The definition of a sparsity pattern if it is used, else nothing."""
-    return found[0] if len(re.findall(rf"\b{found[2]}\b", text)) > 1 else ""
+def _named(times: Counter[str], found: re.Match[str]) -> str:
+    """The definition of a sparsity pattern if its name stands elsewhere, too; else nothing."""
+    return found[0] if times[found[2]] > 1 else ""
 
 
 def _kept(found: re.Match[str], names: Collection[str]) -> str:

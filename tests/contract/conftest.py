@@ -13,7 +13,8 @@ from fmpy import fmi2
 from fmpy.fmi2 import FMU2Slave
 from fmpy.logging import addLoggerProxy
 
-from fmu_src.pack import build, load_model, model_names
+from fmu_src.pack import build, load_model
+from tests.conftest import by_model
 
 FLAVOURS = ("native", "python")
 KINDS = ("Real", "Integer", "Boolean")
@@ -85,7 +86,7 @@ class Instance:
         self.fmu.freeInstance()
 
 
-@pytest.fixture(scope="session", params=model_names())
+@pytest.fixture(scope="session", params=by_model())
 def model(request: pytest.FixtureRequest):
     """Each model in turn."""
     return load_model(request.param)

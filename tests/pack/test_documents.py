@@ -26,11 +26,11 @@ from fmu_src.pack import (
     documents,
     icon,
     load_model,
-    model_names,
     page,
     reference,
     response,
 )
+from tests.conftest import by_model
 
 T = 1e-3
 _VOID = {"meta", "link", "img", "br", "hr"}
@@ -67,7 +67,7 @@ class _Reader(HTMLParser):
         self.text.append(data)
 
 
-@pytest.fixture(scope="module", params=model_names())
+@pytest.fixture(scope="module", params=by_model())
 def model(request) -> Model:
     return load_model(request.param)
 

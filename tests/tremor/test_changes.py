@@ -1,12 +1,15 @@
 """Every filter from position to tremor: how it stands changes, and half an hour of tremor."""
 
+import copy
 from dataclasses import dataclass
+from functools import cache
 
 import numpy as np
 import pytest
 
 from fmu_src.kit import Runner
 from harness.reproduce.bench.tremor import filters, sine
+from tests.compiled import CompiledRunner
 
 T = 1e-3
 SIZE = 20e-6
@@ -60,35 +63,54 @@ def tones(samples: int, frequency: float, size: float = SIZE) -> np.ndarray:
     return size * np.sin(2 * np.pi * frequency * time[:, None] + np.arange(3.0))
 
 
-LOW, HIGH, STILL = tones(HALF, 8.0), tones(HALF, 11.0), np.zeros((HALF, 3))
+KINDS = {
+    "still": np.zeros((HALF, 3)),
+    "low": tones(HALF, 8.0),
+    "five times": 5 * tones(HALF, 8.0),
+    "high": tones(HALF, 11.0),
+}
 CHANGES = {
-    "onset": (STILL, LOW),
-    "stop": (LOW, STILL),
-    "five times": (LOW, 5 * LOW),
-    "a fifth": (5 * LOW, LOW),
-    "frequency up": (LOW, HIGH),
-    "frequency down": (HIGH, LOW),
+    "onset": ("still", "low"),
+    "stop": ("low", "still"),
+    "five times": ("low", "five times"),
+    "a fifth": ("five times", "low"),
+    "frequency up": ("low", "high"),
+    "frequency down": ("high", "low"),
 }
 NOISE = 0.1e-6 * np.random.default_rng(5).standard_normal((2 * HALF, 3))
+
+# The changes of a filter share their halves.
+EACH = [pytest.param(name, marks=pytest.mark.xdist_group(f"changes of {name}")) for name in BOUNDS]
 
 
 def test_every_filter_has_its_bounds():
     assert set(BOUNDS) == set(FILTERS)
 
 
+@cache
+def _settled(name: str, kind: str) -> Runner:
+    runner = Runner(FILTERS[name].model)
+    runner.run(HALF, {"position": KINDS[kind] + NOISE[:HALF]})
+    return runner
+
+
+@cache
+def tremor(name: str, before: str, after: str) -> np.ndarray:
+    """Tremor that a filter finds after a change."""
+    runner = copy.copy(_settled(name, before))
+    runner.x = runner.x.copy()
+    return runner.run(HALF, {"position": KINDS[after] + NOISE[HALF:]})["tremor"]
+
+
 @pytest.mark.parametrize("change", CHANGES)
-@pytest.mark.parametrize("name", BOUNDS)
+@pytest.mark.parametrize("name", EACH)
 def test_a_change_of_the_tremor_is_followed(name, change):
     """It is as if it had always been so; the change is a step of the position, too."""
-    before, after = CHANGES[change]
-    bounds, model = BOUNDS[name], FILTERS[name].model
-
-    def run(*halves: np.ndarray) -> np.ndarray:
-        position = np.concatenate(halves) + NOISE
-        return Runner(model).run(2 * HALF, {"position": position})["tremor"][HALF:]
-
-    changed = run(before, after)
-    gap = np.abs(changed - run(after, after)) / max(np.abs(before).max(), np.abs(after).max())
+    kinds = CHANGES[change]
+    before, after = (KINDS[kind] for kind in kinds)
+    bounds, changed = BOUNDS[name], tremor(name, *kinds)
+    gap = np.abs(changed - tremor(name, kinds[1], kinds[1]))
+    gap /= max(np.abs(before).max(), np.abs(after).max())
     assert gap.max() < bounds.peak
     assert gap[round(bounds.within / T) :].max() < bounds.gap
     assert gap[-500:].max() < bounds.end
@@ -100,7 +122,7 @@ def test_a_change_of_the_tremor_is_followed(name, change):
 @pytest.mark.parametrize("name", BOUNDS)
 def test_thirty_minutes_of_tremor_without_growth(name):
     """Intent, tremor and noise at 1 kHz; the last minute is as good as the second."""
-    bounds, runner, left = BOUNDS[name], Runner(FILTERS[name].model), []
+    bounds, runner, left = BOUNDS[name], CompiledRunner(FILTERS[name].model), []
     rng = np.random.default_rng(9)
     for minute in range(30):
         t = 60.0 * minute + T * np.arange(MINUTE)
@@ -111,3 +133,15 @@ def test_thirty_minutes_of_tremor_without_growth(name):
         left.append(np.std(tone - found))
     assert left[-1] < 1.1 * left[1]
     assert left[-1] < bounds.long * np.std(tone)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", BOUNDS)
+def test_compiled_runs_are_those_of_the_recorded_function(name):
+    """What half an hour is run with, against what everything else is."""
+    model, position = FILTERS[name].model, np.concatenate((KINDS["low"], KINDS["high"])) + NOISE
+    found, expected = (
+        kind(model).run(2 * HALF, {"position": position})["tremor"]
+        for kind in (CompiledRunner, Runner)
+    )
+    np.testing.assert_allclose(found, expected, rtol=0, atol=1e-9 * SIZE)
