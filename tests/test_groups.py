@@ -1,4 +1,4 @@
-"""Tests of a group are run by one worker; a group that is not seen costs the suite half its time."""
+"""Tests of a group are run by one worker; a group that is not seen costs half the suite's time."""
 
 import pytest
 

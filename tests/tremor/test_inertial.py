@@ -10,6 +10,7 @@ from fmu_src.tremor import inertial, inertial_forecaster, inertial_oscillators
 from harness.parts.recording import read_recording, recordings
 from harness.reproduce.bench import inertial as bench
 from harness.reproduce.bench.tremor import Column, score
+from tests.compiled import CompiledRunner
 
 T = 1e-3
 MODELS = {
@@ -170,7 +171,7 @@ def test_recorded_hands(sensed):
 @pytest.mark.parametrize("name", MODELS)
 def test_thirty_minutes_without_growth(name, artificial):
     """The hand of twelve seconds over and over; the last is as good as the tenth."""
-    runner, left = Runner(MODELS[name], {"horizon": T}), []
+    runner, left = CompiledRunner(MODELS[name], {"horizon": T}), []
     part = slice(2000, 10_000)
     inputs = {"force": artificial.force[part], "attitude": artificial.attitude[part]}
     wanted = artificial.target[part]
