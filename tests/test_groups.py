@@ -1,4 +1,4 @@
-"""Tests of a group are run by one worker; a group that is not seen costs the suite half its time."""
+"""One worker runs all tests of a group; where it does not, the suite takes twice as long."""
 
 import pytest
 
