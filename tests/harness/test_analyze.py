@@ -27,6 +27,8 @@ from harness.scenario import load
 from .conftest import PackProbe
 from .test_cli import call
 
+pytestmark = pytest.mark.xdist_group("analyze")  # its tests share what takes long
+
 STEP = 4e-3
 
 

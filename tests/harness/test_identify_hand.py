@@ -8,6 +8,8 @@ from fmu_src.kit import Runner, SteadytipError
 from harness.identify.hand import filter_density, identify_hand
 from plants.hand import MODEL, Params
 
+pytestmark = pytest.mark.xdist_group("identify_hand")  # its tests share what takes long
+
 RATE = 250.0
 STARTS = Params.unpack(Params.starts())
 FITTED = (

@@ -16,6 +16,8 @@ from harness.reproduce.bench import tracking
 from harness.reproduce.bench.stack import read
 from harness.reproduce.bench.tracking import FREQUENCIES, Tracker
 
+pytestmark = pytest.mark.xdist_group("modulated_stops")  # its tests share what takes long
+
 T = 1e-3
 NOISE = 0.07e-6
 """rms of the sensor at 1 kHz [m] (A04 7.4)."""

@@ -312,11 +312,6 @@ def test_reference_results_are_reproduced_or_not(last, verdict, probe, tmp_path)
 # ---- Ours, reports, command ---------------------------------------------------------------------
 
 
-def test_a_native_fmu_of_ours_has_no_error():
-    verdict = validate(pack.build(["WflcFlc"])["WflcFlc"])
-    assert verdict.good, [o for o in verdict.outcomes if o.verdict == "error"]
-
-
 @pytest.mark.slow
 @pytest.mark.parametrize("model", pack.model_names())
 def test_every_native_fmu_of_ours_has_no_error(model):

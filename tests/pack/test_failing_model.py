@@ -9,6 +9,8 @@ from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, real
 from fmu_src.pack import archive, native
 from tests.contract.conftest import Instance
 
+pytestmark = pytest.mark.xdist_group("failing_model")  # its tests share what takes long
+
 GUID = "{00000000-0000-0000-0000-000000000000}"
 
 
