@@ -47,15 +47,6 @@ def test_a_report_shows_everything_that_the_loop_has(closed_loop):
     assert "seconds = 5.0" in page  # the override
 
 
-def test_the_closed_loop_keeps_five_times_real_time(closed_loop, tmp_path):
-    """Measured 15 to 25 on two quiet cores; a second chance for a busy machine."""
-    factor = closed_loop.metrics["real_time_factor"].value
-    if factor < 5.0:
-        again = harness.run("closed_loop", out=tmp_path, overrides={"seconds": 5.0}, report=False)
-        factor = again.metrics["real_time_factor"].value
-    assert factor >= 5.0
-
-
 def test_attenuation_from_a_record_is_that_of_the_loop():
     """Noise as tremor, 0.8 of it cancelled 3 ms late, noise on the tip.
 
