@@ -150,13 +150,13 @@ def run(
         if len(todo) == 1:
             display.show(metrics_table(result.metrics))
         display.files(record=result.file, report=result.report)
-    if compared and len(todo) > 1:
-        found = ranks(compared)
-        display.show(ranking_table(found))
-        if json is not None:
-            from harness.reproduce.run import write_figures
+    found = ranks(compared)
+    if json is not None:
+        from harness.reproduce.run import write_figures
 
-            write_figures(json, [figure for rank in found for figure in rank.figures(scenario)])
+        write_figures(json, [figure for rank in found for figure in rank.figures(scenario)])
+    if compared and len(todo) > 1:
+        display.show(ranking_table(found))
     elif len(todo) > 1:
         display.show(comparison_table(results))
     if failed:

@@ -74,9 +74,11 @@ def test_variants_are_run_compared_and_written(tmp_path, monkeypatch, capsys):
     assert all(entry["source"] == "tremor_bench" for entry in entries)
     assert (tmp_path / "out" / "shelving" / "results.parquet").is_file()
 
-    code, out, _ = call(monkeypatch, capsys, *arguments, "--variant", "shelving")
+    alone = ("--variant", "shelving", "--json", str(file))
+    code, out, _ = call(monkeypatch, capsys, *arguments, *alone)
     assert code == 0
     assert "reduction_in_band" in out
+    assert len(json.loads(file.read_text("utf-8"))) == 4  # mean and worst of two figures
     code, _, err = call(monkeypatch, capsys, *arguments, "--variant", "shelvin")
     assert code == 2
     assert "did you mean 'shelving'?" in err
