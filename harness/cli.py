@@ -144,9 +144,11 @@ def run(
             if ended.result is None:
                 continue
             result = ended.result
+        else:
+            # A part of a run is not to be ranked beside whole ones.
+            if each is not None:
+                compared[each].append(result.metrics)
         results["-".join(words) or scenario] = result.metrics
-        if each is not None:
-            compared[each].append(result.metrics)
         if len(todo) == 1:
             display.show(metrics_table(result.metrics))
         display.files(record=result.file, report=result.report)
