@@ -107,7 +107,8 @@ def test_single_precision_costs_what_the_readme_says(name, tmp_path) -> None:
     instance = Instance(path, folder)
     inputs = [v for v in instance.variables if v.causality == "input"]
     outputs = [v for v in instance.variables if v.causality == "output" and v.type == "Real"]
-    wired = {v.name for v in inputs} - {"hold"}
+    recorded = set(run.table.column_names)
+    wired = {v.name for v in inputs if f"{source}.{v.name}" in recorded}
     table = {name: run.signals(f"{source}.{name}") for name in wired}
     found = []
     for k in range(len(run.time)):
