@@ -1,7 +1,8 @@
 """Units as FMI 2.0 writes them: `m/s2`, `rad/s`, `V`, products with a dot, powers as digits.
 
 A unit is a name; its seven base exponents (and `rad`) follow from parsing the name, so that no
-table of compound units has to be kept. Ports carry SI only, so every factor is 1.
+table of compound units has to be kept. Ports carry SI only, so every factor is 1; temperatures are
+in degC, the one unit with an offset, and what goes with a temperature is per K.
 """
 
 import re
@@ -17,7 +18,10 @@ _DERIVED: Mapping[str, Mapping[str, int]] = {
     "N": {"kg": 1, "m": 1, "s": -2},
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
     "T": {"kg": 1, "s": -2, "A": -1},
+    "degC": {"K": 1},
 }
+OFFSETS: Mapping[str, float] = {"degC": 273.15}
+"""What is added to a value to have it in base units."""
 _FACTOR = re.compile(r"(?P<symbol>[A-Za-z]+)(?P<power>\d+(\.\d+)?)?$")
 
 

@@ -7,7 +7,7 @@ from pathlib import Path
 
 from fmu_src.kit import SteadytipError, range_text
 from fmu_src.kit.records import Scalar
-from fmu_src.kit.units import BASE, base_exponents
+from fmu_src.kit.units import BASE, OFFSETS, base_exponents
 from harness.errors import ProblemsError
 from harness.parts import Unit
 from harness.parts.ssv import SsvValue, write_ssv
@@ -54,4 +54,5 @@ def _unit(name: str | None) -> Unit | None:
     exponents = base_exponents(name) if name else None
     if name is None or exponents is None:
         return None
-    return Unit(name, tuple(exponents.get(base, 0) for base in BASE))
+    powers = tuple(exponents.get(base, 0) for base in BASE)
+    return Unit(name, powers, offset=OFFSETS.get(name, 0.0))
