@@ -1,0 +1,281 @@
+"""The two-axis turntable of A04 3.2.1.4 to 3.2.1.7: its angles, and the experiment simulated.
+
+    R_TB = R_y(-alpha) R_z(beta),    up in B = (sin a cos b, -sin a sin b, cos a)
+
+| symbol | meaning |
+| --- | --- |
+| T | frame of the turntable: z up, alpha turns about -y |
+| alpha | tilt of the body's z from the vertical; at 90 deg x and y lie in the plane of gravity |
+| beta | turn about the body's z; at alpha = 90 deg, beta = 0 the x axis points up |
+| delta, lambda, nu | alpha's zero, tilt of its axis, what the axes lack of 90 deg [rad] |
+| psi | heading of the turntable's x from magnetic north [rad] |
+
+With its errors the turntable makes R_z(psi) R_x(lambda) R_y(-alpha - delta) R_x(nu) R_z(beta) R_M,
+where R_M is how the unit sits on it. The plane alpha = 90 deg and its beta from 0 to 360 deg are
+A04's first experiment, the other planes the second; planes are run forth and back in turn.
+"""
+
+from __future__ import annotations
+
+import tempfile
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from fmu_src.kit import design
+from harness.errors import SteadytipError, nearest
+from harness.parts import FloatArray, Run
+from harness.parts.fmu import FmuPart
+from harness.scenario import load
+
+__all__ = ["CHANNELS", "GRID", "Rests", "Table", "attitude", "grid", "simulate", "up"]
+
+CHANNELS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y", "mx", "my", "mz")
+GRID = 30.0
+"""Step of both angles [deg]; A04 shows the planes of +-30, +-90 and +-150 deg."""
+DWELL = 5.0
+"""Time of which the mean is taken (A04 3.2.1.7) [s]."""
+SETTLE = 0.1
+"""Before it, for the output filters, of 10 ms [s]."""
+ROWS = 5
+"""Means that a simulated rest is told by, so that it shows whether it was one."""
+STEP = 1e-3
+"""Of the simulated converter [s]."""
+_WAIT = 0.02  # s, between looks at the plant before the dwell
+
+
+@dataclass(frozen=True)
+class Table:
+    """A turntable with its own errors; its stages are good to 0.1 deg, its level to 0.01 (A04).
+
+    Attributes:
+        scatter: rms error of each stage at each angle [rad].
+        zero: delta [rad].
+        level: lambda [rad].
+        square: nu [rad].
+        mount: rotation vector of the unit on it, (3,) [rad].
+        heading: psi [rad].
+        seed: of the scatter.
+    """
+
+    scatter: float = np.radians(0.03)
+    zero: float = np.radians(0.05)
+    level: float = np.radians(-0.03)
+    square: float = np.radians(0.04)
+    mount: tuple[float, float, float] = (2e-4, -3e-4, 2e-4)
+    heading: float = np.radians(25.0)
+    seed: int = 1
+
+    def attitudes(self, alpha: FloatArray, beta: FloatArray) -> Rotation:
+        """R_WB at each pair of angles [rad]; the same scatter at each call."""
+        noise = np.random.default_rng(self.seed).normal(0.0, self.scatter, (2, len(alpha)))
+        turned = attitude(alpha + noise[0], beta + noise[1], self.zero, self.level, self.square)
+        return Rotation.from_euler("z", self.heading) * turned * Rotation.from_rotvec(self.mount)
+
+
+@dataclass(frozen=True)
+class Rests:
+    """What a unit told while it rested.
+
+    Attributes:
+        alpha, beta: of the turntable, (n,) [rad].
+        volts: means, (n, channels) [V].
+        temperature: of the thermometer, (n,) [degC]; None without one.
+        counts: rows that each mean is of, (n,).
+        channels: names of the columns of `volts`.
+        notes: what is odd without being wrong; sentences.
+    """
+
+    alpha: FloatArray
+    beta: FloatArray
+    volts: FloatArray
+    temperature: FloatArray | None
+    counts: FloatArray
+    channels: tuple[str, ...] = CHANNELS
+    notes: tuple[str, ...] = ()
+
+    def __len__(self) -> int:
+        return len(self.alpha)
+
+    def only(self, kept: np.ndarray) -> Rests:
+        """Some of them, by index or mask."""
+        temperature = None if self.temperature is None else self.temperature[kept]
+        return replace(
+            self,
+            alpha=self.alpha[kept],
+            beta=self.beta[kept],
+            volts=self.volts[kept],
+            counts=self.counts[kept],
+            temperature=temperature,
+        )
+
+
+@dataclass(frozen=True)
+class Experiment:
+    """Rows that a simulated experiment gives.
+
+    Attributes:
+        alpha, beta: (rows,) [rad], as commanded.
+        volts: (rows, 9) [V].
+        temperature: (rows,) [degC].
+        attitudes: R_WB as they really were, one for each row.
+    """
+
+    alpha: FloatArray
+    beta: FloatArray
+    volts: FloatArray
+    temperature: FloatArray
+    attitudes: Rotation = field(default_factory=Rotation.identity)
+
+
+def attitude(
+    alpha: FloatArray,
+    beta: FloatArray,
+    zero: float = 0.0,
+    level: float = 0.0,
+    square: float = 0.0,
+) -> Rotation:
+    """R_TB at each pair of angles [rad], with delta, lambda and nu [rad]."""
+    return (
+        Rotation.from_euler("x", level)
+        * Rotation.from_euler("y", -(alpha + zero)[:, None])
+        * Rotation.from_euler("x", square)
+        * Rotation.from_euler("z", beta[:, None])
+    )
+
+
+def up(alpha: FloatArray, beta: FloatArray) -> FloatArray:
+    """The vertical in B by the ideal turntable, (n, 3)."""
+    return attitude(alpha, beta).inv().apply([0.0, 0.0, 1.0])
+
+
+def grid(step: float = GRID) -> tuple[FloatArray, FloatArray]:
+    """Angles of the procedure in the order in which they are visited [rad].
+
+    Args:
+        step: of both angles, a whole part of 90 [deg].
+
+    Raises:
+        SteadytipError: it is not.
+    """
+    if not (10.0 <= step <= 45.0 and abs(90.0 / step - round(90.0 / step)) < 1e-9):
+        raise SteadytipError(
+            f"--grid {step:g}: must be a whole part of 90 deg in [10, 45], as 30; coarser ones do "
+            "not tell the parameters apart"
+        )
+    planes = np.arange(-180.0 + step, 180.0 + step / 2, step)
+    around = np.arange(0.0, 360.0 - step / 2, step)
+    alpha = np.repeat(planes, len(around))
+    beta = np.concatenate([around[:: 1 - 2 * (i % 2)] for i in range(len(planes))])
+    return np.radians(alpha), np.radians(beta)
+
+
+def sensors(scenario: str, part: str) -> Mapping[str, Any]:
+    """Settings of a scenario's sensors.
+
+    Raises:
+        SteadytipError: no such scenario or part, or not an FMU.
+    """
+    parts = load(scenario).parts
+    if part not in parts:
+        raise SteadytipError(f"scenario '{scenario}' has no part '{part}'; {nearest(part, parts)}")
+    table = parts[part]
+    if table.kind != "fmu":
+        raise SteadytipError(f"part '{part}' of '{scenario}' is no FMU, and only one can be turned")
+    return table.settings
+
+
+def simulate(
+    settings: Mapping[str, Any],
+    alpha: FloatArray,
+    beta: FloatArray,
+    table: Table,
+    seed: int,
+    ambient: float = 22.0,
+    dwell: float = DWELL,
+    progress: Callable[[int, int], None] = lambda done, count: None,
+) -> Experiment:
+    """Turn the sensors' FMU through angles and write down what it tells at rest.
+
+    It is loaded once and runs on from one angle to the next; between two there is no motion, only
+    the time in which its filters settle.
+
+    Args:
+        settings: of the part (`fmu`, and values of parameters); what takes `force1_x` .. `force3_z`
+            and `field_x` .. gives `volts_a1x` .. `volts_mz`.
+        alpha: commanded, (n,) [rad].
+        beta: commanded, (n,) [rad].
+        table: the turntable.
+        seed: of the sensors' noise.
+        ambient: temperature of the room, for sensors with an input of that name [degC].
+        dwell: time at each angle of which means are taken [s].
+        progress: told the angles done, and of all.
+
+    Returns:
+        `ROWS` rows for each pair of angles.
+
+    Raises:
+        SteadytipError: the FMU does not build, has other ports, or fails.
+    """
+    (prepared,) = FmuPart.prepare({"sensors": settings}, lambda text: None).values()
+    part = FmuPart("sensors", prepared, seed)
+    driven = [f"force{i}_{a}" for i in (1, 2, 3) for a in "xyz"] + [f"field_{a}" for a in "xyz"]
+    names = [port.name for port in part.inputs]
+    outputs = [port.name for port in part.outputs]
+    told = [f"volts_{channel}" for channel in CHANNELS]
+    lacking = [name for name in driven if name not in names]
+    lacking += [name for name in told if name not in outputs]
+    if lacking:
+        raise SteadytipError(
+            f"{part.description.path.name} has no {', '.join(lacking)}; the turntable needs the "
+            "ports of InertialSensors"
+        )
+    driven = [name for name in names if name in driven or name == "ambient"]
+    at = [outputs.index(name) for name in told]
+    warm = outputs.index("temperature") if "temperature" in outputs else None
+    attitudes = table.attitudes(alpha, beta)
+    dip = design.MAGNETIC_INCLINATION
+    north = design.MAGNETIC_FIELD * np.array([np.cos(dip), 0.0, -np.sin(dip)])
+    force = attitudes.inv().apply([0.0, 0.0, design.SITE_GRAVITY])
+    felt = attitudes.inv().apply(north)
+    count = max(round(dwell / ROWS / STEP), 1)
+    u, y = np.zeros(len(driven)), np.zeros(len(outputs))
+    rows = np.zeros((len(alpha), ROWS, len(outputs)))
+    run = Run(STEP, len(alpha) * (round(SETTLE / STEP) + ROWS * count), Path())
+
+    def feel(k: int) -> None:
+        values = {f"force{i}_{a}": force[k, j] for i in (1, 2, 3) for j, a in enumerate("xyz")}
+        values |= {f"field_{a}": felt[k, j] for j, a in enumerate("xyz")}
+        u[:] = [values.get(name, ambient) for name in driven]
+
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
+        try:
+            feel(0)
+            part.start(replace(run, workspace=Path(folder)), driven, [True] * len(driven), u, y)
+            tick = 0
+            for k in range(len(alpha)):
+                feel(k)
+                wait = round(SETTLE / STEP)
+                part.advance(tick * STEP, wait * STEP)
+                tick += wait
+                for row in rows[k]:
+                    for _ in range(count):
+                        part.advance(tick * STEP, STEP)
+                        tick += 1
+                        row += y
+                progress(k + 1, len(alpha))
+        finally:
+            part.close()
+    rows /= count
+    flat = rows.reshape(-1, len(outputs))
+    return Experiment(
+        np.repeat(alpha, ROWS),
+        np.repeat(beta, ROWS),
+        flat[:, at],
+        np.full(len(flat), ambient) if warm is None else flat[:, warm],
+        attitudes[np.repeat(np.arange(len(alpha)), ROWS)],
+    )
