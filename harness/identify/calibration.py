@@ -12,10 +12,10 @@ shift by the in-plane axis, then that of the other axis from several planes, the
 which each channel reads most. Fitted together, none has to be small for the others to be right.
 
 What a turntable cannot tell stays at its start: p_1 and q_1, which do what Theta does; and how the
-unit sits on the turntable, which is what calibration then calls B. The turntable's own delta, lambda
-and nu (see `turntable`) show in what the accelerometers read and are fitted along. The field N is
-unknown but for its strength, which nothing depends on. Drifts with temperature are fitted where it
-varies.
+unit sits on the turntable, which is what calibration then calls B. The turntable's own delta,
+lambda and nu (see `turntable`) show in what the accelerometers read and are fitted along. The field
+N is unknown but for its strength, which nothing depends on. Drifts with temperature are fitted
+where it varies.
 
 Intervals are those of least squares whose errors differ from rest to rest and go together within
 one (clustered sandwich, Student's t), because the turntable's angle errors do.
@@ -62,7 +62,6 @@ UNLIKE = 1.0
 """Rms beyond which angles and volts do not belong together [m/s2]."""
 STRAY = 0.2
 """Share by which no sensor's scale is off its data sheet; beyond it a unit is wrong."""
-_STEP = {"m/s2": 10.0}
 _GRAVITY = ca.vertcat(0, 0, design.SITE_GRAVITY)
 _NUISANCE = ("alpha's zero", "tilt of its axis", "lack of 90 deg between the axes")
 
@@ -93,6 +92,7 @@ class Calibration:
         field_residual: of the magnetometer, (rests, 3) [T]; None without one.
         inclination: of the field below the horizon [rad]; NaN without a magnetometer.
         rests: that were used.
+        notes: what is odd without being wrong; sentences.
     """
 
     found: tuple[Found, ...]
@@ -101,6 +101,7 @@ class Calibration:
     field_residual: FloatArray | None
     inclination: float
     rests: Rests
+    notes: tuple[str, ...] = ()
 
     def parameters(self) -> dict[str, float]:
         """By the name of the element."""
@@ -158,8 +159,9 @@ def _sizes(scalars: Iterable[Scalar]) -> list[float]:
     return sizes
 
 
-def _turned(alpha: Any, beta: Any, zero: Any, level: Any, square: Any, v: Any) -> Any:
-    """R_TB^T v, of `turntable.attitude`, as an expression."""
+def _turned(alpha: Any, beta: Any, errors: Any, v: Any) -> Any:
+    """R_TB^T v, of `turntable.attitude`, as an expression; errors delta, lambda, nu."""
+    zero, level, square = errors[0], errors[1], errors[2]
 
     def turn(axis: int, angle: Any, vector: Any) -> Any:
         theta = ca.SX.zeros(3)
@@ -188,7 +190,7 @@ def _accelerometer_problem(thermal: bool) -> _Problem:
     scalars = _scalars(record, prefix, (*_ACCELEROMETER, *(_THERMAL if thermal else ())))
     unknowns, data = ca.SX.sym("x", len(scalars) + 3), ca.SX.sym("d", 9)
     p = _record(record, prefix, scalars, unknowns)
-    gravity = _turned(data[0], data[1], *ca.vertsplit(unknowns[len(scalars) :]), _GRAVITY)
+    gravity = _turned(data[0], data[1], unknowns[len(scalars) :], _GRAVITY)
     a = compensation.uncross(p, compensation.linear(p, data[3:], data[2]))
     rows = [
         compensation.sensing_axis(axis, p.misalignment[i, :])
@@ -209,7 +211,7 @@ def _magnetometer_problem(thermal: bool) -> _Problem:
     p = _record(record, prefix, scalars, unknowns)
     heading, dip = unknowns[len(scalars)], unknowns[len(scalars) + 1]
     north = ca.vertcat(ca.cos(dip) * ca.cos(heading), ca.cos(dip) * ca.sin(heading), -ca.sin(dip))
-    felt = _turned(data[0], data[1], *ca.vertsplit(data[3:6]), design.MAGNETIC_FIELD * north)
+    felt = _turned(data[0], data[1], data[3:6], design.MAGNETIC_FIELD * north)
     rows = [compensation.sensing_axis(axis, p.misalignment[axis, :]) for axis in range(3)]
     residual = compensation.linear(p, data[6:], data[2]) - ca.vertcat(*(r.T @ felt for r in rows))
     sizes = [*_sizes(scalars), 0.1, 0.1]
@@ -238,6 +240,7 @@ def _solve(problem: _Problem, start: FloatArray, data: FloatArray) -> tuple[Floa
         lambda x: evaluate(x)[0],
         start,
         lambda x: evaluate(x)[1],
+        method="lm",
         x_scale=problem.sizes,
         xtol=1e-12,
         ftol=1e-12,
@@ -377,6 +380,16 @@ def calibrate(rests: Rests, where: str = "rests") -> Calibration:
         field_residual,
         inclination,
         rests,
+        (_thermal_note(rests),) if not thermal else (),
+    )
+
+
+def _thermal_note(rests: Rests) -> str:
+    if rests.temperature is None:
+        return "there is no temperature: the parameters are those of the unit as warm as it was"
+    return (
+        f"the temperature varies by {np.ptp(rests.temperature):.2g} K only, and {VARIED:g} K are "
+        "needed to find drifts; they stay at zero"
     )
 
 
@@ -401,18 +414,13 @@ def _unlikely(values: Mapping[str, tuple[float, float]], residual: FloatArray) -
             "columns and signs of alpha and beta, and that the unit sits as the procedure says"
         ]
     problems = []
-    for sensor, nominal, unit in (
-        ("accelerometer", design.ACCELEROMETER_SCALE, "V.s2/m"),
-        ("magnetometer", design.MAGNETOMETER_SCALE, "V/T"),
-    ):
-        for name, (value, _) in values.items():
-            if name.startswith(f"{sensor}.scale[") and not (
-                abs(value / nominal - 1) < STRAY or sensor == "magnetometer"
-            ):
-                problems.append(
-                    f"{name} comes out as {value:.4g} {unit}, and the data sheet has "
-                    f"{nominal:.4g}; are the volts in another unit? Give --volts-unit V|mV|kV"
-                )
+    for name, (value, _) in values.items():
+        nominal = design.ACCELEROMETER_SCALE
+        if name.startswith("accelerometer.scale[") and abs(value / nominal - 1) > STRAY:
+            problems.append(
+                f"{name} comes out as {value:.4g} V.s2/m, and the data sheet has "
+                f"{nominal:.4g}; are the volts in another unit, or is the channel another one?"
+            )
     return problems
 
 

@@ -18,7 +18,7 @@ A04's first experiment, the other planes the second; planes are run forth and ba
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -32,9 +32,22 @@ from harness.parts import FloatArray, Run
 from harness.parts.fmu import FmuPart
 from harness.scenario import load
 
-__all__ = ["CHANNELS", "GRID", "Rests", "Table", "attitude", "grid", "simulate", "up"]
+__all__ = [
+    "ACCELEROMETERS",
+    "CHANNELS",
+    "GRID",
+    "ROOM",
+    "Rests",
+    "Table",
+    "attitude",
+    "grid",
+    "joined",
+    "simulate",
+    "up",
+]
 
-CHANNELS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y", "mx", "my", "mz")
+ACCELEROMETERS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
+CHANNELS = (*ACCELEROMETERS, "mx", "my", "mz")
 GRID = 30.0
 """Step of both angles [deg]; A04 shows the planes of +-30, +-90 and +-150 deg."""
 DWELL = 5.0
@@ -43,9 +56,10 @@ SETTLE = 0.1
 """Before it, for the output filters, of 10 ms [s]."""
 ROWS = 5
 """Means that a simulated rest is told by, so that it shows whether it was one."""
+ROOM = 22.0
+"""Temperature of the room (A04 3.2.1.5) [degC]."""
 STEP = 1e-3
 """Of the simulated converter [s]."""
-_WAIT = 0.02  # s, between looks at the plant before the dwell
 
 
 @dataclass(frozen=True)
@@ -153,6 +167,27 @@ def up(alpha: FloatArray, beta: FloatArray) -> FloatArray:
     return attitude(alpha, beta).inv().apply([0.0, 0.0, 1.0])
 
 
+def joined(parts: Sequence[Rests]) -> Rests:
+    """Several recordings of one unit as one.
+
+    Raises:
+        SteadytipError: they do not have the same channels.
+    """
+    first = parts[0]
+    if any(one.channels != first.channels for one in parts):
+        raise SteadytipError("the recordings do not have the same channels; give those that do")
+    warm = [one.temperature for one in parts if one.temperature is not None]
+    return Rests(
+        np.concatenate([one.alpha for one in parts]),
+        np.concatenate([one.beta for one in parts]),
+        np.concatenate([one.volts for one in parts]),
+        np.concatenate(warm) if len(warm) == len(parts) else None,
+        np.concatenate([one.counts for one in parts]),
+        first.channels,
+        tuple(dict.fromkeys(note for one in parts for note in one.notes)),
+    )
+
+
 def grid(step: float = GRID) -> tuple[FloatArray, FloatArray]:
     """Angles of the procedure in the order in which they are visited [rad].
 
@@ -195,7 +230,7 @@ def simulate(
     beta: FloatArray,
     table: Table,
     seed: int,
-    ambient: float = 22.0,
+    ambient: float = ROOM,
     dwell: float = DWELL,
     progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> Experiment:
