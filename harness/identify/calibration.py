@@ -61,7 +61,7 @@ NEAR = 0.9
 UNLIKE = 1.0
 """Rms beyond which angles and volts do not belong together [m/s2]."""
 STRAY = 0.2
-"""Share by which no sensor's scale is off its data sheet; beyond it a unit is wrong."""
+"""Share by which no accelerometer's scale is off its data sheet."""
 _GRAVITY = ca.vertcat(0, 0, design.SITE_GRAVITY)
 _NUISANCE = ("alpha's zero", "tilt of its axis", "lack of 90 deg between the axes")
 
@@ -339,7 +339,7 @@ def calibrate(rests: Rests, where: str = "rests") -> Calibration:
         ProblemsError: rests that are too few or too much alike, or that angles do not explain.
         SteadytipError: they do not tell the parameters apart.
     """
-    problems = check_cover(rests)
+    problems = check_cover(rests) or _unlike(rests)
     if problems:
         raise ProblemsError(where, problems)
     thermal = rests.temperature is not None and float(np.ptp(rests.temperature)) >= VARIED
@@ -368,9 +368,6 @@ def calibrate(rests: Rests, where: str = "rests") -> Calibration:
         y, widths, left = _solve(problem, begin, data)
         values |= dict(zip(problem.names, zip(y, widths, strict=True), strict=False))
         field_residual, inclination = 1e-6 * left, float(y[-1])
-    problems = _unlikely(values, residual)
-    if problems:
-        raise ProblemsError(where, problems)
     values["thermometer.reference"] = (reference, np.nan)
     tail = zip(table, half[-3:], strict=True)
     return Calibration(
@@ -406,20 +403,30 @@ def _first_north(rests: Rests, starts: Mapping[str, float], at: int) -> tuple[fl
     return float(np.arctan2(y, x)), float(np.arcsin(-z))
 
 
-def _unlikely(values: Mapping[str, tuple[float, float]], residual: FloatArray) -> list[str]:
-    rms = float(np.sqrt(np.mean(residual**2)))
-    if rms > UNLIKE:
-        return [
-            f"angles and volts do not belong together: {rms:.3g} m/s2 rms is left; check units, "
-            "columns and signs of alpha and beta, and that the unit sits as the procedure says"
-        ]
+def _unlike(rests: Rests) -> list[str]:
+    """Whether angles and volts belong together, by a straight fit of each channel."""
+    felt = design.SITE_GRAVITY * up(rests.alpha, rests.beta)
+    columns = np.column_stack((felt, np.ones(len(rests))))
+    volts = rests.volts[:, : len(kinematics.CHANNELS)]
+    slopes = np.linalg.lstsq(columns, volts, rcond=None)[0]
+    left = np.sqrt(np.mean((volts - columns @ slopes) ** 2, axis=0)) / design.ACCELEROMETER_SCALE
     problems = []
-    for name, (value, _) in values.items():
-        nominal = design.ACCELEROMETER_SCALE
-        if name.startswith("accelerometer.scale[") and abs(value / nominal - 1) > STRAY:
+    for i, (channel, (_, axis)) in enumerate(
+        zip(kinematics.CHANNELS, kinematics.PLACES, strict=True)
+    ):
+        slope, nominal = slopes[:3, i], design.ACCELEROMETER_SCALE
+        if left[i] > UNLIKE:
             problems.append(
-                f"{name} comes out as {value:.4g} V.s2/m, and the data sheet has "
-                f"{nominal:.4g}; are the volts in another unit, or is the channel another one?"
+                f"the angles do not explain channel {channel}: {left[i]:.3g} m/s2 rms is left; "
+                "check columns, units and signs of alpha and beta"
+            )
+        elif abs(slope[axis] / nominal - 1) > STRAY:
+            most = int(np.abs(slope).argmax())
+            sign = "-" if slope[most] < 0 else ""
+            problems.append(
+                f"channel {channel} has {slope[axis]:.3g} V.s2/m along {'xyz'[axis]}, where the "
+                f"data sheet has {nominal:.3g}, and goes with {sign}{'xyz'[most]}; is it another "
+                "channel, or does the unit sit on the turntable in another way?"
             )
     return problems
 

@@ -100,17 +100,17 @@ def read_rests(path: Path, choice: Choice) -> Rests:
             "needed, or none"
         )
     channels = (*ACCELEROMETERS, *magnetic)
-    rests = group(
+    volts = np.column_stack([signals[name] for name in channels])
+    _sizes(where, {name: signals[name] for name in ("alpha", "beta")}, volts)
+    return group(
         signals["alpha"],
         signals["beta"],
-        np.column_stack([signals[name] for name in channels]),
+        volts,
         signals.get("temperature"),
         channels,
         where,
         lambda k: f"{table.row} {int(table.lines[k])}",
     )
-    _sizes(where, rests)
-    return rests
 
 
 def _finite(where: str, signals: Mapping[str, FloatArray], row: str, lines: FloatArray) -> None:
@@ -198,9 +198,10 @@ def group(
     )
 
 
-def _sizes(where: str, rests: Rests) -> None:
+def _sizes(where: str, angles: Mapping[str, FloatArray], volts: FloatArray) -> None:
+    """Refuse what another unit or column shows itself by."""
     problems = []
-    for name, angle in (("alpha", rests.alpha), ("beta", rests.beta)):
+    for name, angle in angles.items():
         covered = float(np.ptp(angle))
         if covered < TURNED:
             text = f"{name} covers {np.degrees(covered):.3g} deg only"
@@ -217,12 +218,10 @@ def _sizes(where: str, rests: Rests) -> None:
                 "deg"
             )
     low, high = SPAN
-    for i, name in enumerate(rests.channels[: len(ACCELEROMETERS)]):
-        span = float(np.ptp(rests.volts[:, i]))
+    for i, name in enumerate(ACCELEROMETERS):
+        span = float(np.ptp(volts[:, i]))
         if span == 0.0:
-            problems.append(
-                f"{name} is {rests.volts[0, i]:g} V at every angle; it is not connected"
-            )
+            problems.append(f"{name} is {volts[0, i]:g} V at every angle; it is not connected")
         elif not low <= span <= high and not problems:
             problems.append(
                 f"{name} covers {span:.3g} V, and an accelerometer turned over covers 2 V; is it "

@@ -57,17 +57,19 @@ def _compensate(p, volts, temperature=22.0):
     return np.array(force).ravel(), np.array(field).ravel(), bool(sound)
 
 
-def _axis(axis: int, components) -> np.ndarray:
+def sensing_axis(axis: int, components) -> np.ndarray:
     row = np.insert(np.asarray(components, dtype=float), axis, 0.0)
     row[axis] = np.sqrt(1 - np.sum(row**2))
     return row
 
 
-def _sensed(force: np.ndarray, c: dict) -> np.ndarray:
+def sensed(force: np.ndarray, c: dict) -> np.ndarray:
     """What the linear model makes of a body's specific force: (3.4) with (3.16), by iteration."""
-    a = np.array([_axis(AXES[i], c["misalignment"][i]) @ force for i in range(6)])
+    a = np.array([sensing_axis(AXES[i], c["misalignment"][i]) @ force for i in range(6)])
     s = a.copy()
-    for _ in range(200):
+    before = np.zeros(6)
+    while np.abs(s - before).max() > 1e-12:
+        before = s
         k = np.array([(s[i] + s[j]) / 2 for i, j in OUT])
         j = s[OTHER]
         s = (
@@ -96,7 +98,7 @@ def test_the_compensation_inverts_the_model(seed, force):
     c = {name: rng.uniform(-most, most, 6) for name, most in size.items()}
     c["misalignment"] = rng.uniform(-0.1, 0.1, (6, 2))
     zero, scale = rng.uniform(2.4, 2.6, 6), design.ACCELEROMETER_SCALE * rng.uniform(0.95, 1.05, 6)
-    volts = np.append(zero + scale * _sensed(force, c), [2.5] * 3)
+    volts = np.append(zero + scale * sensed(force, c), [2.5] * 3)
     p = _parameters(
         accelerometer__zero=zero,
         accelerometer__scale=scale,
