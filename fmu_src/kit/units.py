@@ -26,6 +26,31 @@ _FACTOR = re.compile(r"(?P<symbol>[A-Za-z]+)(?P<power>\d+(\.\d+)?)?$")
 
 
 @cache
+def exponents(unit: str) -> dict[str, float]:
+    """Exponents of the SI base units, without zeros, whole or not.
+
+    Raises:
+        SteadytipError: the name does not parse, or holds an unknown symbol.
+
+    >>> exponents("m/s2/Hz0.5")
+    {'m': 1.0, 's': -1.5}
+    """
+    total: Counter[str] = Counter()
+    for sign, part in _signed_factors(unit):
+        found = _FACTOR.match(part)
+        symbol = found["symbol"] if found else part
+        if found is None or (symbol not in BASE and symbol not in _DERIVED):
+            known = ", ".join((*BASE, *_DERIVED))
+            raise SteadytipError(
+                f"unit '{unit}': '{part}' is not one of {known}, with or without a power"
+            )
+        power = float(found["power"] or 1)
+        for base, exponent in _DERIVED.get(symbol, {symbol: 1}).items():
+            total[base] += sign * power * exponent  # type: ignore[assignment]
+    return {base: float(total[base]) for base in BASE if total[base]}
+
+
+@cache
 def base_exponents(unit: str) -> dict[str, int] | None:
     """Exponents of the SI base units, without zeros; None where one is not a whole number.
 
@@ -37,22 +62,10 @@ def base_exponents(unit: str) -> dict[str, int] | None:
     >>> base_exponents("m/s2")
     {'m': 1, 's': -2}
     """
-    total: Counter[str] = Counter()
-    whole = True
-    for sign, part in _signed_factors(unit):
-        found = _FACTOR.match(part)
-        symbol = found["symbol"] if found else part
-        if found is None or (symbol not in BASE and symbol not in _DERIVED):
-            known = ", ".join((*BASE, *_DERIVED))
-            raise SteadytipError(
-                f"unit '{unit}': '{part}' is not one of {known}, with or without a power"
-            )
-        power = float(found["power"] or 1)
-        for base, exponent in _DERIVED.get(symbol, {symbol: 1}).items():
-            amount = sign * power * exponent
-            whole &= amount == int(amount)
-            total[base] += int(amount)
-    return {base: total[base] for base in BASE if total[base]} if whole else None
+    found = exponents(unit)
+    if any(power != int(power) for power in found.values()):
+        return None
+    return {base: int(power) for base, power in found.items()}
 
 
 def _signed_factors(unit: str) -> list[tuple[int, str]]:

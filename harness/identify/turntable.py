@@ -224,6 +224,82 @@ def sensors(scenario: str, part: str) -> Mapping[str, Any]:
     return table.settings
 
 
+class Mounted:
+    """Sensors as an FMU that is held in place: what it feels is constant until it is told anew.
+
+    A context manager, which ends the FMU.
+
+    Args:
+        settings: of the part (`fmu`, and values of parameters); what takes `force1_x` .. `force3_z`
+            and `field_x` .. gives `volts_a1x` .. `volts_mz`.
+        seed: of the sensors' noise.
+        ambient: temperature of the room, for sensors with an input of that name [degC].
+        seconds: that it will run at most.
+
+    Raises:
+        SteadytipError: the FMU does not build, or has other ports.
+    """
+
+    def __init__(
+        self, settings: Mapping[str, Any], seed: int, ambient: float, seconds: float
+    ) -> None:
+        (prepared,) = FmuPart.prepare({"sensors": settings}, lambda text: None).values()
+        self._part = FmuPart("sensors", prepared, seed)
+        felt = [f"force{i}_{a}" for i in (1, 2, 3) for a in "xyz"] + [f"field_{a}" for a in "xyz"]
+        names = [port.name for port in self._part.inputs]
+        outputs = [port.name for port in self._part.outputs]
+        told = [f"volts_{channel}" for channel in CHANNELS]
+        lacking = [name for name in felt if name not in names]
+        lacking += [name for name in told if name not in outputs]
+        if lacking:
+            raise SteadytipError(
+                f"{self._part.description.path.name} has no {', '.join(lacking)}; the turntable "
+                "needs the ports of InertialSensors"
+            )
+        self._driven = [name for name in names if name in felt or name == "ambient"]
+        self._at = [outputs.index(name) for name in told]
+        self._warm = outputs.index("temperature") if "temperature" in outputs else None
+        self._ambient, self._steps = ambient, round(seconds / STEP)
+        self._u, self._y = np.zeros(len(self._driven)), np.zeros(len(outputs))
+        self._tick = -1  # not started
+
+    def __enter__(self) -> Mounted:
+        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
+        return self
+
+    def __exit__(self, *error: object) -> None:
+        self._part.close()
+        self._folder.cleanup()
+
+    def feel(self, force: FloatArray, field: FloatArray) -> None:
+        """From now on: specific force of all sites, field; in B, (3,) [m/s2], [T]."""
+        values = {f"force{i}_{a}": force[j] for i in (1, 2, 3) for j, a in enumerate("xyz")}
+        values |= {f"field_{a}": field[j] for j, a in enumerate("xyz")}
+        self._u[:] = [values.get(name, self._ambient) for name in self._driven]
+        if self._tick < 0:
+            run = Run(STEP, self._steps, Path(self._folder.name))
+            preset = [True] * len(self._driven)
+            self._part.start(run, self._driven, preset, self._u, self._y)
+            self._tick = 0
+
+    def wait(self, steps: int) -> None:
+        """Let time pass."""
+        self._part.advance(self._tick * STEP, steps * STEP)
+        self._tick += steps
+
+    def read(self, steps: int) -> tuple[FloatArray, FloatArray]:
+        """Samples of the channels, (steps, 9) [V], and of the thermometer, (steps,) [degC]."""
+        rows = np.empty((steps, len(self._y)))
+        advance, tick, y = self._part.advance, self._tick, self._y
+        for row in rows:
+            advance(tick * STEP, STEP)
+            tick += 1
+            row[:] = y
+        self._tick = tick
+        warm = np.full(steps, self._ambient) if self._warm is None else rows[:, self._warm]
+        return rows[:, self._at], warm
+
+
 def simulate(
     settings: Mapping[str, Any],
     alpha: FloatArray,
@@ -234,19 +310,18 @@ def simulate(
     dwell: float = DWELL,
     progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> Experiment:
-    """Turn the sensors' FMU through angles and write down what it tells at rest.
+    """Turn sensors through angles and write down what they tell at rest.
 
-    It is loaded once and runs on from one angle to the next; between two there is no motion, only
-    the time in which its filters settle.
+    The FMU is loaded once and runs on from one angle to the next; between two there is no motion,
+    only the time in which its filters settle.
 
     Args:
-        settings: of the part (`fmu`, and values of parameters); what takes `force1_x` .. `force3_z`
-            and `field_x` .. gives `volts_a1x` .. `volts_mz`.
+        settings: see `Mounted`.
         alpha: commanded, (n,) [rad].
         beta: commanded, (n,) [rad].
         table: the turntable.
         seed: of the sensors' noise.
-        ambient: temperature of the room, for sensors with an input of that name [degC].
+        ambient: temperature of the room [degC].
         dwell: time at each angle of which means are taken [s].
         progress: told the angles done, and of all.
 
@@ -256,61 +331,25 @@ def simulate(
     Raises:
         SteadytipError: the FMU does not build, has other ports, or fails.
     """
-    (prepared,) = FmuPart.prepare({"sensors": settings}, lambda text: None).values()
-    part = FmuPart("sensors", prepared, seed)
-    driven = [f"force{i}_{a}" for i in (1, 2, 3) for a in "xyz"] + [f"field_{a}" for a in "xyz"]
-    names = [port.name for port in part.inputs]
-    outputs = [port.name for port in part.outputs]
-    told = [f"volts_{channel}" for channel in CHANNELS]
-    lacking = [name for name in driven if name not in names]
-    lacking += [name for name in told if name not in outputs]
-    if lacking:
-        raise SteadytipError(
-            f"{part.description.path.name} has no {', '.join(lacking)}; the turntable needs the "
-            "ports of InertialSensors"
-        )
-    driven = [name for name in names if name in driven or name == "ambient"]
-    at = [outputs.index(name) for name in told]
-    warm = outputs.index("temperature") if "temperature" in outputs else None
     attitudes = table.attitudes(alpha, beta)
     dip = design.MAGNETIC_INCLINATION
     north = design.MAGNETIC_FIELD * np.array([np.cos(dip), 0.0, -np.sin(dip)])
     force = attitudes.inv().apply([0.0, 0.0, design.SITE_GRAVITY])
-    felt = attitudes.inv().apply(north)
-    count = max(round(dwell / ROWS / STEP), 1)
-    u, y = np.zeros(len(driven)), np.zeros(len(outputs))
-    rows = np.zeros((len(alpha), ROWS, len(outputs)))
-    run = Run(STEP, len(alpha) * (round(SETTLE / STEP) + ROWS * count), Path())
-
-    def feel(k: int) -> None:
-        values = {f"force{i}_{a}": force[k, j] for i in (1, 2, 3) for j, a in enumerate("xyz")}
-        values |= {f"field_{a}": felt[k, j] for j, a in enumerate("xyz")}
-        u[:] = [values.get(name, ambient) for name in driven]
-
-    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
-        try:
-            feel(0)
-            part.start(replace(run, workspace=Path(folder)), driven, [True] * len(driven), u, y)
-            tick = 0
-            for k in range(len(alpha)):
-                feel(k)
-                wait = round(SETTLE / STEP)
-                part.advance(tick * STEP, wait * STEP)
-                tick += wait
-                for row in rows[k]:
-                    for _ in range(count):
-                        part.advance(tick * STEP, STEP)
-                        tick += 1
-                        row += y
-                progress(k + 1, len(alpha))
-        finally:
-            part.close()
-    rows /= count
-    flat = rows.reshape(-1, len(outputs))
+    field = attitudes.inv().apply(north)
+    count, n = max(round(dwell / ROWS / STEP), 1), len(alpha)
+    volts, temperature = np.empty((n, ROWS, len(CHANNELS))), np.empty((n, ROWS))
+    with Mounted(settings, seed, ambient, n * (SETTLE + dwell)) as mounted:
+        for k in range(n):
+            mounted.feel(force[k], field[k])
+            mounted.wait(round(SETTLE / STEP))
+            rows, warm = mounted.read(ROWS * count)
+            volts[k] = rows.reshape(ROWS, count, -1).mean(axis=1)
+            temperature[k] = warm.reshape(ROWS, count).mean(axis=1)
+            progress(k + 1, n)
     return Experiment(
         np.repeat(alpha, ROWS),
         np.repeat(beta, ROWS),
-        flat[:, at],
-        np.full(len(flat), ambient) if warm is None else flat[:, warm],
-        attitudes[np.repeat(np.arange(len(alpha)), ROWS)],
+        volts.reshape(n * ROWS, -1),
+        temperature.ravel(),
+        attitudes[np.repeat(np.arange(n), ROWS)],
     )
