@@ -67,24 +67,23 @@ def sweeps() -> tuple[FloatArray, FloatArray]:
 
 
 @cache
-def identified(dwell: float = turntable.DWELL) -> dict[str, Parameters]:
+def identified(
+    dwell: float = turntable.DWELL, rooms: tuple[float, ...] = (turntable.ROOM,)
+) -> dict[str, Parameters]:
     """Parameters by model: the data sheet's, linear and physical.
 
     Args:
         dwell: of the calibration at each pair of angles [s].
+        rooms: temperatures at which the procedure is run [degC].
     """
     alpha, beta = turntable.grid()
-    done = turntable.simulate(
-        turntable.sensors(SCENARIO, "sensors"),
-        alpha,
-        beta,
-        turntable.Table(seed=_CALIBRATED),
-        _CALIBRATED,
-        dwell=dwell,
-    )
-    found = rests.group(
-        done.alpha, done.beta, done.volts, done.temperature, turntable.CHANNELS, "the bench"
-    )
+    settings, parts = turntable.sensors(SCENARIO, "sensors"), []
+    for seed, room in enumerate(rooms, start=_CALIBRATED):
+        table = turntable.Table(seed=seed)
+        done = turntable.simulate(settings, alpha, beta, table, seed, room, dwell)
+        told = (done.alpha, done.beta, done.volts, done.temperature)
+        parts.append(rests.group(*told, turntable.CHANNELS, "the bench"))
+    found = turntable.joined(parts)
     return {
         "data sheet": {},
         "linear": calibration.linear(found),
@@ -95,6 +94,7 @@ def identified(dwell: float = turntable.DWELL) -> dict[str, Parameters]:
 def sweep(
     models: Mapping[str, Parameters],
     seed: int = _TESTED,
+    room: float = turntable.ROOM,
     progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> dict[str, Tilt]:
     """Errors of the estimator's first attitude, by TRIAD, at the angles of the sweeps.
@@ -102,6 +102,7 @@ def sweep(
     Args:
         models: parameters of the estimator by name.
         seed: of noise and turntable.
+        room: its temperature [degC].
         progress: told the angles done, and of all.
     """
     alpha, beta = sweeps()
@@ -111,7 +112,8 @@ def sweep(
         beta,
         turntable.Table(seed=seed),
         seed,
-        dwell=DWELL,
+        room,
+        DWELL,
         progress=progress,
     )
     shape = (len(alpha), turntable.ROWS, -1)
