@@ -97,7 +97,10 @@ def sweep(
     room: float = turntable.ROOM,
     progress: Callable[[int, int], None] = lambda done, count: None,
 ) -> dict[str, Tilt]:
-    """Errors of the estimator's first attitude, by TRIAD, at the angles of the sweeps.
+    """Errors of the estimator's attitude after some samples at the angles of the sweeps.
+
+    It starts anew at each, with means of a fifth of the dwell as its samples: what errs is what
+    calibration leaves.
 
     Args:
         models: parameters of the estimator by name.
@@ -116,21 +119,21 @@ def sweep(
         DWELL,
         progress=progress,
     )
-    shape = (len(alpha), turntable.ROWS, -1)
-    volts = done.volts.reshape(shape).mean(axis=1)
-    temperature = done.temperature.reshape(shape[:2]).mean(axis=1)
     truth = done.attitudes[:: turntable.ROWS]
     return {
-        name: _errors(_attitudes(parameters, volts, temperature), truth, alpha, beta)
+        name: _errors(_attitudes(parameters, done), truth, alpha, beta)
         for name, parameters in models.items()
     }
 
 
-def _attitudes(parameters: Parameters, volts: FloatArray, temperature: FloatArray) -> Rotation:
-    found = []
-    for row, warm in zip(volts, temperature, strict=True):
-        run = Runner(MODEL, parameters).run(1, {"volts": row, "temperature": warm})
-        found.append(run["attitude"][0])
+def _attitudes(parameters: Parameters, done: turntable.Experiment) -> Rotation:
+    found, rows = [], turntable.ROWS
+    for k in range(0, len(done.volts), rows):
+        told = {
+            "volts": done.volts[k : k + rows],
+            "temperature": done.temperature[k : k + rows],
+        }
+        found.append(Runner(MODEL, parameters).run(rows, told)["attitude"][-1])
     return Rotation.from_quat(np.roll(found, -1, axis=1))
 
 
