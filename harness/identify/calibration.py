@@ -290,7 +290,7 @@ def linear(rests: Rests) -> dict[str, float]:
                     f"channel {channel} never points {word} (nearest: {off:.3g} deg off); the "
                     "linear model is made from those two rests"
                 )
-            ends[word] = rests.volts[sign * along > best - 1e-6, i].mean()
+            ends[word] = rests.volts[sign * along > best - 1e-4, i].mean()
         scale = (ends["up"] - ends["down"]) / 2 / design.SITE_GRAVITY
         found[f"accelerometer.zero[{i + 1}]"] = (ends["up"] + ends["down"]) / 2
         found[f"accelerometer.scale[{i + 1}]"] = scale

@@ -1,7 +1,8 @@
 """Recordings of a unit on a turntable: rows of angles and volts, grouped into rests and checked.
 
 A rest is a run of rows with the same two angles, of raw samples or of means: one row will do, but
-shows nothing of whether it was one.
+shows nothing of whether it was one. Runs much shorter than the longest are the way from one rest to
+the next, and are left out.
 """
 
 from __future__ import annotations
@@ -19,8 +20,10 @@ from harness.parts import FloatArray
 
 __all__ = ["Choice", "read_rests"]
 
-SAME = np.radians(1e-3)
-"""Angles that differ by less are one."""
+SAME = np.radians(0.02)
+"""Angles that differ by less are one: what an encoder of a stage good to 0.1 deg flickers by."""
+SHORT = 0.25
+"""Share of the longest rest's rows below which a run of rows is none."""
 STILL = 10e-3
 """Standard deviation within a rest that noise does not have: 10 mg at 1 V/g [V]."""
 CREEP = 2e-3
@@ -150,11 +153,12 @@ def group(
     Raises:
         ProblemsError: channels that move while the angles say that they rest.
     """
-    moved = (np.abs(np.diff(alpha)) > SAME) | (np.abs(np.diff(beta)) > SAME)
-    begins = np.concatenate(([0], np.flatnonzero(moved) + 1))
+    begins = np.array(_begins(alpha, beta))
     ends = np.append(begins[1:], len(alpha))
+    counts = ends - begins
+    rested = counts >= SHORT * counts.max()
     restless = []
-    for begin, end in zip(begins, ends, strict=True):
+    for begin, end in zip(begins[rested], ends[rested], strict=True):
         if end - begin < 4:
             continue
         rows = volts[begin:end]
@@ -177,25 +181,38 @@ def group(
             quoted.append(f"{len(restless) - _QUOTED} more rests are like that")
         quoted[-1] += "; leave out the rows in which the turntable moves, or wait longer"
         raise ProblemsError(where, quoted)
-    counts = ends - begins
-    notes: tuple[str, ...] = ()
+    notes = []
+    if not rested.all():
+        ways = int(counts[~rested].sum())
+        notes.append(f"{ways} rows on the way from one rest to the next are left out")
     if counts.max() < 4:
-        notes = ("too few rows for each rest to tell whether it was one",)
+        notes.append("too few rows for each rest to tell whether it was one")
 
     def mean(values: FloatArray) -> FloatArray:
-        return np.add.reduceat(values, begins, axis=0) / counts.reshape(
-            -1, *[1] * (values.ndim - 1)
-        )
+        sums = np.add.reduceat(values, begins, axis=0)[rested]
+        return np.asarray(sums / counts[rested].reshape(-1, *[1] * (values.ndim - 1)))
 
     return Rests(
-        alpha[begins],
-        beta[begins],
+        mean(alpha),
+        mean(beta),
         mean(volts),
         None if temperature is None else mean(temperature),
-        counts.astype(float),
+        counts[rested].astype(float),
         tuple(channels),
-        notes,
+        tuple(notes),
     )
+
+
+def _begins(alpha: FloatArray, beta: FloatArray) -> list[int]:
+    """First rows of runs whose angles stay where they begin."""
+    begins = [0]
+    # A plain loop: each run is about its own first row, so that slow motion is no rest.
+    a, b = alpha[0], beta[0]
+    for k, (x, y) in enumerate(zip(alpha.tolist(), beta.tolist(), strict=True)):
+        if abs(x - a) > SAME or abs(y - b) > SAME:
+            begins.append(k)
+            a, b = x, y
+    return begins
 
 
 def _sizes(where: str, angles: Mapping[str, FloatArray], volts: FloatArray) -> None:

@@ -1,5 +1,6 @@
 """`steadytip identify turntable` and `imu`: from a bench to parameters that any run accepts."""
 
+import itertools
 import re
 import sys
 from pathlib import Path
@@ -346,6 +347,28 @@ def test_wrong_options_are_told(kind, arguments, words, tmp_path, monkeypatch, c
     code, _, errors = call(monkeypatch, capsys, path, *arguments[1:], kind=kind)
     assert code == 2
     assert words in errors
+
+
+def test_a_stream_with_the_ways_between_the_rests(bench):
+    """An encoder that flickers, and rows of a turntable on its way: the rests alone are taken."""
+    rng = np.random.default_rng(3)
+    rests_only = bench[1].reshape(-1, turntable.ROWS, 11)
+    pieces = [rests_only[0]]
+    for before, after in itertools.pairwise(rests_only):
+        way = np.linspace(before[-1], after[0], 12)[1:-1]
+        pieces += [way, after]
+    stream = np.concatenate(pieces)
+    stream[:, :2] += rng.uniform(-0.005, 0.005, (len(stream), 2))
+    found = rests.group(
+        *np.radians(stream[:, :2].T), stream[:, 2:], None, turntable.CHANNELS, "stream"
+    )
+    plain = rests.group(
+        *np.radians(bench[1][:, :2].T), bench[1][:, 2:], None, turntable.CHANNELS, "plain"
+    )
+    assert "1430 rows on the way" in found.notes[0]
+    assert len(found) == len(plain) == 144
+    np.testing.assert_allclose(found.volts, plain.volts, atol=1e-12)
+    np.testing.assert_allclose(found.alpha, plain.alpha, atol=np.radians(0.01))
 
 
 def test_a_magnetometer_in_part_is_refused(bench, tmp_path):
