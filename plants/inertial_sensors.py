@@ -20,13 +20,13 @@ An accelerometer's mass that is pulled across its axis changes what the channel 
 makes that depend on the way (forces x along the channel, y and z across it, in and out of the
 chip's plane, all by the standard gravity):
 
-    F = S u G(z) (1 + k x^2) + n_y B(y) + n_z B(z) - h (x - r) / X
+    F = S u G(z) (1 + k x^2) + n_y B(y) + n_z B(z) - l (x - r) / X
     B(y) = (sqrt(1 + (y / Y)^2) - 1) / (sqrt(1 + 1 / Y^2) - 1)     skewed springs: a bow
     G(z) = 1 / (1 + d ((z + Z)^2 - Z^2))                           fingers overlap less when it sags
     r    = min(max(r, x - X), x + X)                               what sticks
 
-Of a magnetometer's element the field y across it takes from the sensitivity: F = S (I + D) u / (1 +
-a y), where D is what soft iron adds to the field.
+Of a magnetometer's element the field y across it takes from the sensitivity: F = S (1 + J) u / (1 +
+q y), where J is what soft iron adds to the field.
 
 Electronics warm up, each sensor in its own time, and stress in its package follows behind:
 
@@ -40,9 +40,9 @@ cooling differ, by 2 W b_t. The thermometer tells the board's temperature, not t
 | symbol | meaning |
 | --- | --- |
 | n_y, n_z, d, k | bow, droop and hardening of a channel, at 1 g |
-| h | half of the loop's height [m/s2] |
+| l | half of the loop's height [m/s2] |
 | X, Y, Z | widths, by the standard gravity: `STUCK`, `KNEE`, `LIFT` |
-| D, a | soft iron, cross-field sensitivity [1/T] |
+| J, q | soft iron, cross-field sensitivity [1/T] |
 | t_a, H, tau_h | room [degC], rise by the unit's own power [K], time of warming up [s] |
 | W | half width of the stress's path [K] |
 | b_t, e_t | changes with temperature [m/s2/K] or [T/K], [1/K] |
@@ -260,14 +260,14 @@ class Params(Parameters):
         None, "k, share of the scale that 1 g along the channel adds", shape=6, min=-0.05, max=0.05
     )
     accelerometer_hysteresis = real(
-        "m/s2", "h, half the height of the loop over the force", shape=6, min=0.0, max=0.5
+        "m/s2", "l, half the height of the loop over the force", shape=6, min=0.0, max=0.5
     )
     soft_iron = real(
-        None, "D, field in B that iron adds to a field of 1", shape=(3, 3), min=-0.3, max=0.3
+        None, "J, field in B that iron adds to a field of 1", shape=(3, 3), min=-0.3, max=0.3
     )
     cross_field = real(
         "1/T",
-        "a, sensitivity of each channel that the field along the next axis takes",
+        "q, sensitivity of each channel that the field along the next axis takes",
         shape=3,
         min=-1e3,
         max=1e3,
