@@ -18,12 +18,13 @@ _LOOP = """
 #include "model.h"
 #include "functions.c"
 __attribute__((visibility("default")))
-void run(int n, const double* p, const double* d, const double* u, double* x, double* y) {
+void run(int n, const double* p, const double* d, const double* u,
+         const double* r, double* x, double* y) {
     static const double* arg[SZ_ARG + 1];
-    static double *res[SZ_RES + 1], w[SZ_W + 1], next[N_X + 1], draw;
+    static double *res[SZ_RES + 1], w[SZ_W + 1], next[N_X + 1];
     static int iw[SZ_IW + 1];
     for (long k = 0; k < n; ++k) {
-        arg[0] = p; arg[1] = d; arg[2] = u + k * N_U; arg[3] = x; arg[4] = &draw;
+        arg[0] = p; arg[1] = d; arg[2] = u + k * N_U; arg[3] = x; arg[4] = r + k * N_R;
         res[0] = next; res[1] = y + k * N_Y;
         MODEL_STEP(arg, res, iw, w, 0);
         for (int i = 0; i < N_X; ++i) x[i] = next[i];
@@ -50,15 +51,15 @@ def _compiled(model: Model) -> Any:
 
 
 class CompiledRunner(Runner):
-    """A `Runner` that is ten times as fast or more, to the same bits, of a model without noise."""
+    """A `Runner` that is ten times as fast or more, to the same bits."""
 
     def __init__(self, model: Model, parameters: Mapping[str, Any] | None = None) -> None:
         super().__init__(model, parameters)
-        assert not model.draws
         self._run = _compiled(model)
 
     def _evaluated(self, table: np.ndarray, draws: np.ndarray) -> np.ndarray:
         results = np.empty((len(table), self.model.outputs.size()))
-        arrays = (self.p, self.d, np.ascontiguousarray(table), self.x, results)
+        inputs = (np.ascontiguousarray(table), np.ascontiguousarray(draws))
+        arrays = (self.p, self.d, *inputs, self.x, results)
         self._run(len(table), *(ctypes.c_void_p(array.ctypes.data) for array in arrays))
         return results
