@@ -18,9 +18,15 @@ from harness.identify.sets import write_scalars
 from harness.identify.turntable import ACCELEROMETERS, CHANNELS
 from harness.parts.ssv import read_ssv
 
-__all__ = ["Wish", "in_quantity", "parse_wish", "shipped_wishes", "write_set"]
+__all__ = ["CONVENTIONS", "Wish", "in_quantity", "parse_wish", "shipped_wishes", "write_set"]
 
-DEFAULT_MODEL = "MicronEstimator"
+CONVENTIONS: Mapping[str, tuple[str, str]] = {
+    "rate_noise": ("white", "rate_"),
+    "bias_walk": ("walk", "rate_"),
+    "force_noise": ("white", "force_"),
+    "force_bias_walk": ("walk", "force_"),
+}
+"""Term and port of parameters that estimators with gyros have, whatever group they are in."""
 _SIGMA = "magnetometer.sigma"
 
 
@@ -56,16 +62,49 @@ def parse_wish(text: str) -> Wish:
     return Wish(parameter, term, tuple(columns.split(",")))
 
 
-def shipped_wishes(names: Sequence[str]) -> list[Wish]:
-    """What MicronEstimator takes of the instrument's own channels, as far as they are there."""
-    called = {channel(name): name for name in names}
+def shipped_wishes(
+    model: str, found: Mapping[str, tuple[Noise, float, str]]
+) -> tuple[list[Wish], list[str]]:
+    """What a model takes of signals that are called as the instrument's channels and ports are.
+
+    Of MicronEstimator each channel's density; of models with parameters that end in one of
+    `CONVENTIONS` the rms over the axes. A term that does not show leaves its parameter as it is,
+    which the notes say.
+
+    Args:
+        model: whose parameters they are.
+        found: noise by the signal's name, and what measures it.
+
+    Returns:
+        What goes where, and notes.
+
+    Raises:
+        SteadytipError: no such model.
+    """
+    names = [scalar.name for scalar in load_model(model).parameters.scalars()]
+    called = {channel(name): name for name in found}
     wishes = [
         Wish(f"accelerometer.density[{i}]", "white", (called[name],))
         for i, name in enumerate(ACCELEROMETERS, start=1)
         if name in called
     ]
     field = tuple(called[name] for name in CHANNELS[len(ACCELEROMETERS) :] if name in called)
-    return wishes + ([Wish(_SIGMA, "sample", field)] if field else [])
+    wishes += [Wish(_SIGMA, "sample", field)] if field else []
+    for parameter in names:
+        if parameter.rpartition(".")[2] not in CONVENTIONS:
+            continue
+        term, port = CONVENTIONS[parameter.rpartition(".")[2]]
+        ports = tuple(name for name in found if port in name.lower().replace(".", "_"))
+        wishes += [Wish(parameter, term, ports)] if ports else []
+    wishes = [wish for wish in wishes if wish.parameter in names]
+    there, notes = [], []
+    for wish in wishes:
+        lacking = [name for name in wish.columns if wish.term not in found[name][0].terms]
+        if lacking:
+            notes.append(f"{', '.join(lacking)}: no {wish.term} shows; {wish.parameter} stays")
+        else:
+            there.append(wish)
+    return there, notes
 
 
 def in_quantity(record: Record, parameters: Path | None) -> tuple[float, str]:

@@ -10,11 +10,12 @@ from scipy.signal import lfilter
 
 from fmu_src.estimation.micron import MODEL
 from fmu_src.kit import Runner, design
+from fmu_src.pack.build import load_model
 from harness.cli import main
 from harness.errors import SteadytipError
 from harness.identify import allan, noise_sets
 from harness.parts.ssv import read_ssv
-from plants import inertial_sensors
+from plants import gyro_imu, inertial_sensors
 
 N, K = 2e-3, 2e-3
 """White noise and random walk, unit/Hz0.5 and unit/s0.5."""
@@ -209,6 +210,39 @@ def test_any_column_into_any_parameter(tmp_path, monkeypatch, capsys):
     assert (code, errors) == (0, "")
     expected = np.radians(N) / np.sqrt(2 * T)
     assert read_ssv(tmp_path / "a.ssv")["bias_start"].value == pytest.approx(expected, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    ("model", "names"),
+    [
+        ("OpticalGyroEkf", {"rate_noise", "bias_walk"}),
+        ("EmInertialEkf", {f"inertial.{n}" for n in ("rate_noise", "bias_walk", "force_noise")}),
+    ],
+)
+def test_ports_of_a_gyro_unit_become_covariances_of_its_estimators(
+    model, names, tmp_path, monkeypatch, capsys
+):
+    """The plant's densities; its accelerometers walk too little to be seen in a minute."""
+    noise, walk_density = np.radians(0.01), 5e-4
+    unit = Runner(gyro_imu.MODEL, {"gyro_noise": noise, "gyro_walk": walk_density, "seed": 4})
+    out = unit.run(60_000)
+    table = np.column_stack((np.arange(60_000) * 1e-3, out["rate"], out["force"]))
+    headings = ["time [s]", *(f"imu.rate_{a} [rad/s]" for a in "xyz")]
+    headings += [f"imu.force_{a} [m/s2]" for a in "xyz"]
+    path = _write(tmp_path / "unit.csv", table, headings)
+    arguments = (path, "--model", model, "--out", tmp_path / "unit.ssv")
+    code, shown, errors = call(monkeypatch, capsys, *arguments)
+    assert (code, errors) == (0, "")
+    values = {name: entry.value for name, entry in read_ssv(tmp_path / "unit.ssv").items()}
+    assert set(values) == names
+    short = {name.rpartition(".")[2]: value for name, value in values.items()}
+    assert short["rate_noise"] == pytest.approx(noise, rel=0.05)
+    assert short["bias_walk"] == pytest.approx(walk_density, rel=0.4)
+    if "force_noise" in short:
+        assert "force_bias_walk stays" in shown
+        expected = gyro_imu.MODEL.parameters.fields["accelerometer_noise"].start[0]
+        assert short["force_noise"] == pytest.approx(expected, rel=0.05)
+    Runner(load_model(model), values).run(1)
 
 
 def _bad(rng, what: str) -> tuple[np.ndarray, list[str]]:

@@ -63,7 +63,8 @@ def command(
         typer.Option(
             metavar="PARAMETER=TERM:COLUMN",
             help="Parameter that takes a term (white, sample, bias, walk, trend, quantisation), as"
-            " gyro.density=white:rate_x; the channels a1x .. mz find theirs alone.",
+            " gyro.density=white:rate_x; channels a1x .. mz, ports rate_x .. and force_x .. find"
+            " theirs alone.",
         ),
     ] = None,
     parameters: Annotated[
@@ -93,8 +94,9 @@ def command(
             noise = allan.analyse(record.values, record.period, lag)
             found[record.name] = (noise, *noise_sets.in_quantity(record, parameters))
             progress.advance(task)
-    if not wishes and model == noise_sets.DEFAULT_MODEL:
-        wishes = noise_sets.shipped_wishes(list(found))
+    notes: list[str] = []
+    if not wishes:
+        wishes, notes = noise_sets.shipped_wishes(model, found)
     if not quiet:
         _console.print()
         first = records[0]
@@ -103,6 +105,8 @@ def command(
         for name, (noise, _, _) in found.items():
             for note in noise.notes:
                 say(_console, f"note: {name}: {note}", "yellow")
+        for note in notes:
+            say(_console, f"note: {note}", "yellow")
         _console.print(printed(term_table(found)))
     path = out or Path("build", "identify", f"{recording.stem}.ssv")
     files = {}
@@ -110,8 +114,8 @@ def command(
         files["parameters"] = noise_sets.write_set(path, model, wishes, found)
     elif out is not None:
         raise SteadytipError(
-            f"--out {out}: no parameter takes anything; give --into PARAMETER=TERM:COLUMN, or name "
-            "the columns as the channels are, a1x .. mz"
+            f"--out {out}: no parameter of {model} takes anything; give --into "
+            "PARAMETER=TERM:COLUMN, or name the columns as channels and ports are, a1x or rate_x"
         )
     if report:
         files["page"] = write_page(path.with_suffix(".html"), recording, found)
