@@ -77,17 +77,31 @@ class Space:
         self.size, self.error_size = at, error_at
 
     def moved(self, x: Any, e: Any) -> Any:
-        """State x + e moved by an error, (N,); likewise of the first fields alone."""
-        parts = []
-        for whole, part, turns in self.parts:
-            if whole.start >= x.shape[0]:
-                break
-            if turns:
-                turned = rotations.multiply(x[whole], rotations.from_rotation_vector(e[part]))
-                parts.append(rotations.normalize(turned))
-            else:
-                parts.append(x[whole] + e[part])
-        return ca.vertcat(*parts)
+        """State x + e moved by an error, (N,); likewise of the first fields alone.
+
+        Quaternions keep their length but for rounding, see `scaled`.
+        """
+        return ca.vertcat(
+            *(
+                rotations.multiply(x[whole], rotations.from_rotation_vector(e[part]))
+                if turns
+                else x[whole] + e[part]
+                for whole, part, turns in self._first(x)
+            )
+        )
+
+    def scaled(self, x: Any) -> Any:
+        """State with its quaternions of unit length, (N,); likewise of the first fields alone."""
+        return ca.vertcat(
+            *(
+                rotations.normalize(x[whole]) if turns else x[whole]
+                for whole, _, turns in self._first(x)
+            )
+        )
+
+    def _first(self, x: Any) -> list[tuple[slice, slice, bool]]:
+        """Parts of a state that may have the first fields alone."""
+        return [part for part in self.parts if part[0].start < x.shape[0]]
 
     def error(self, x: Any, y: Any) -> Any:
         """Error y - x from one state to another, (n,); likewise of the first fields alone."""
@@ -98,10 +112,31 @@ class Space:
                 )
                 if turns
                 else y[whole] - x[whole]
-                for whole, _, turns in self.parts
-                if whole.start < x.shape[0]
+                for whole, _, turns in self._first(x)
             )
         )
+
+    def error_after(self, point: Any, after: Any, near: Any, moved: Any, e: Any) -> Any:
+        """Error after a process, (n,), to the first order: for its Jacobian, short in C.
+
+        Args:
+            point: state before the process.
+            after: state after it.
+            near: point + e.
+            moved: what the process makes of that.
+            e: error before, (n,); still that of fields which the process leaves alone.
+        """
+        parts = []
+        for whole, part, turns in self.parts:
+            alone = ca.is_equal(after[whole], point[whole], 1)
+            if alone and ca.is_equal(moved[whole], near[whole], 1):
+                parts.append(e[part])
+            elif turns:
+                turned = rotations.multiply(rotations.conjugate(after[whole]), moved[whole])
+                parts.append(2 * turned[1:])
+            else:
+                parts.append(moved[whole] - after[whole])
+        return ca.vertcat(*parts)
 
     def diagonal(self, **values: Any) -> Any:
         """(n,) from a value, or one for each element, of some fields; zero for all others.
@@ -139,9 +174,11 @@ class Extended:
         space = self.space
         point, known, e = _symbols(space, u)
         after = process(space.record.unpack(point), known).pack()
-        moved = process(space.record.unpack(space.moved(point, e)), known).pack()
-        F = _slope(space.error(after, moved), e)
-        function = ca.Function("transition", [point, known], [after, F], {"cse": True})
+        near = space.moved(point, e)
+        moved = process(space.record.unpack(near), known).pack()
+        F = _slope(space.error_after(point, after, near, moved, e), e)
+        results = [space.scaled(after), F]
+        function = ca.Function("transition", [point, known], results, {"cse": True})
         x, slope = function(x, u)
         return x, _symmetric(slope @ P @ slope.T + Q)
 
@@ -221,7 +258,8 @@ class Unscented:
 
         # Mean of the part that moves; the others' is where the process takes the state itself.
         center, other = ca.SX.sym("center", whole), ca.SX.sym("other", whole)
-        error, moved = space.error(center, other), space.moved(center, e[:part])
+        error = space.error(center, other)
+        moved = space.scaled(space.moved(center, e[:part]))
         apart = ca.Function("apart", [center, other], [error], {"cse": True})
         apart = _each(apart, count, [0])
         to = ca.Function("to", [center, e[:part]], [moved], {"cse": True})
@@ -373,7 +411,8 @@ def _each(function: ca.Function, count: int, held: list[int]) -> ca.Function:
 
 def _moved(space: Space, x: Any, e: Any) -> Any:
     point, error = ca.SX.sym("x", space.size), ca.SX.sym("e", space.error_size)
-    return ca.Function("moved", [point, error], [space.moved(point, error)], {"cse": True})(x, e)
+    moved = space.scaled(space.moved(point, error))
+    return ca.Function("moved", [point, error], [moved], {"cse": True})(x, e)
 
 
 def _symmetric(P: Any) -> Any:
