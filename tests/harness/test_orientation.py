@@ -103,3 +103,12 @@ def test_the_table_on_the_recordings(data_dir):
     assert mean["total"] == pytest.approx(2.52, abs=0.02)
     assert mean["inclination"] == pytest.approx(0.50, abs=0.02)
     assert rms("VQF", "total", "trial 33") == pytest.approx(3.75, abs=0.02)
+
+    # The hybrid filter keeps up with VQF where its magnetometer sees the earth's field alone.
+    for trial in ("trial 02", "trial 06", "trial 10"):
+        assert rms("hybrid", "total", trial) < 1.1 * rms("VQF", "total", trial)
+    assert rms("hybrid", "total", "trial 25") < 2.2
+    # An optical attitude at each tenth sample is worth five times as much, and more.
+    assert rms("optical", "total", "mean of 5 trials") < 0.2 * mean["total"]
+    for trial in ("trial 02", "trial 10", "trial 25", "trial 33"):
+        assert rms("optical", "total", trial) < 0.3

@@ -18,7 +18,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.pack.build import load_model, model_names
+from fmu_src.pack.build import load_model
 from fmu_src.pack.compiled import CompiledRunner
 from harness.errors import SteadytipError
 from harness.parts import FloatArray
@@ -106,8 +106,7 @@ def estimators() -> list[Estimator]:
             {**_LIMITS, "rate_interval": INTERVAL},
         ),
     }
-    present = set(model_names())
-    return [vqf(), *(of_model(model, *how) for model, how in ours.items() if model in present)]
+    return [vqf(), *(of_model(model, *how) for model, how in ours.items())]
 
 
 def vqf() -> Estimator:
