@@ -53,8 +53,8 @@ def run(context: Context) -> Outcome:
         ),
         plots=(Plot("Root Allan variance", "Dotted: terms of a1x.", bench.plotted(noises)),),
         notes=(
-            "Simulated: the unit of `raw_unit` with the noise of A04 table 2.3, by its FMU. Below "
-            "0.2 s the output filter of 15.1 Hz takes white noise away, which the terms know.",
+            "Simulated: the unit of `raw_unit` with the noise of A04 table 2.3. Below 0.2 s the "
+            "output filter of 15.1 Hz takes white noise away, which the terms know.",
         ),
     )
 

@@ -286,7 +286,7 @@ STILL = {"force1": [0, 0, 0], "field": [0, 0, 0]}
 
 
 def slowly(samples, parameters, **inputs):
-    out = Runner(SLOW, IDEAL | FINE | parameters).run(samples, inputs)
+    out = CompiledRunner(SLOW, IDEAL | FINE | parameters).run(samples, inputs)
     return (out["volts"][:, :6] - design.ZERO_VOLTS) / design.ACCELEROMETER_SCALE, out
 
 
@@ -327,6 +327,6 @@ def test_warming_and_cooling_differ_by_the_width_of_the_stress():
 
 def test_the_scale_follows_the_temperature_and_not_the_stress():
     parameters = {"accelerometer_scale_drift": 1e-3, "accelerometer_bias_drift": 0.0}
-    out = Runner(MODEL, IDEAL | FINE | parameters).run(1, {"force1": [5.0, 0, 0], "ambient": 32.0})
+    out = run(1, IDEAL | FINE | parameters, force1=[5.0, 0, 0], ambient=32.0)
     felt = (out["volts"][0, 0] - design.ZERO_VOLTS) / design.ACCELEROMETER_SCALE
     assert felt == pytest.approx(5.0 * 1.01, rel=1e-5)

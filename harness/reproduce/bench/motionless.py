@@ -15,6 +15,7 @@ import numpy as np
 import plotly.graph_objects as go
 
 from fmu_src.kit import Runner, design
+from fmu_src.pack.compiled import CompiledRunner
 from harness.identify import turntable
 from harness.identify.allan import Noise, analyse
 from harness.identify.allan_page import curves
@@ -45,7 +46,7 @@ MEANS = 1800.0
 """Of the black circles of figure 3.14 [s]."""
 RATE = 1 / inertial_sensors.MODEL.sample_period
 """Of the converter [Hz]."""
-_BLOCK = 100_000  # samples from one report of progress to the next
+_BLOCK = 100_000  # samples at once: their draws take memory
 _ATTITUDE = (0.3, 0.4)  # rad, roll and pitch: no axis level, none upright
 
 
@@ -86,23 +87,18 @@ def motionless(
         progress: told the share that is done.
     """
     settings = dict(turntable.sensors(SCENARIO, "sensors"))
-    settings |= {"accelerometer_noise": NOISE, "powered": powered}
+    del settings["fmu"]
+    settings |= {"accelerometer_noise": NOISE, "powered": powered, "seed": seed}
     roll, pitch = _ATTITUDE
     up = [-np.sin(pitch), np.sin(roll) * np.cos(pitch), np.cos(roll) * np.cos(pitch)]
-    force, field = design.SITE_GRAVITY * np.array(up), np.array([2e-5, 0.0, -4e-5])
+    force = design.SITE_GRAVITY * np.array(up)
+    inputs = {"force1": force, "force2": force, "force3": force, "field": [2e-5, 0.0, -4e-5]}
     n, parts = round(seconds * rate), []
-    if rate == RATE:
-        with turntable.Mounted(settings, seed, turntable.ROOM, seconds) as mounted:
-            mounted.feel(force, field)
-            for begin in range(0, n, _BLOCK):
-                parts.append(mounted.read(min(_BLOCK, n - begin))[0][:, :6])
-                progress(min(begin + _BLOCK, n) / n)
-    else:
-        del settings["fmu"]
-        slow = replace(inertial_sensors.MODEL, sample_period=1 / rate)
-        inputs = {"force1": force, "force2": force, "force3": force, "field": field}
-        parts.append(Runner(slow, {**settings, "seed": seed}).run(n, inputs)["volts"][:, :6])
-        progress(1.0)
+    make = CompiledRunner if n > _BLOCK else Runner  # compiling takes longer than a short run
+    runner = make(replace(inertial_sensors.MODEL, sample_period=1 / rate), settings)
+    for begin in range(0, n, _BLOCK):
+        parts.append(runner.run(min(_BLOCK, n - begin), inputs)["volts"][:, :6])
+        progress(min(begin + _BLOCK, n) / n)
     volts = np.concatenate(parts)
     return Rest(
         np.arange(n) / rate,
