@@ -23,6 +23,7 @@ __all__ = ["CONVENTIONS", "Wish", "in_quantity", "parse_wish", "shipped_wishes",
 CONVENTIONS: Mapping[str, tuple[str, str]] = {
     "rate_noise": ("white", "rate_"),
     "bias_walk": ("walk", "rate_"),
+    "rate_bias_walk": ("walk", "rate_"),
     "force_noise": ("white", "force_"),
     "force_bias_walk": ("walk", "force_"),
 }
