@@ -16,15 +16,18 @@ the augmented-state filter; the tip's specific force from all channels, gravity 
 twice with a wash-out.
 
 The filter's measurement is TRIAD's attitude in its three independent numbers (A04 4.4.4): two of
-the vertical, one of the field. It starts from TRIAD, once two samples agree. The field corrects the
-rotation about the vertical only, so that a magnet does not spoil the tilt that gravity is removed
-with; `heading_only` = false gives the field the weight that it has in TRIAD, where it is trusted
-more than the hand's unsteady vertical. Each is left out where `plausibility` or its own innovation
-says so, and the covariance grows meanwhile. The covariance of the vertical is that of sigma_C and
-of what the hand's acceleration is beyond it.
+the vertical, one of the field. It starts from TRIAD, once two samples agree. The vertical corrects
+the tilt only, so that a hand's acceleration does not turn a north that is little known; the field
+corrects the rotation about the vertical only, so that a magnet does not spoil the tilt that gravity
+is removed with. With `decoupled` = false both correct what they do in TRIAD, where the field is
+trusted more than the hand's unsteady vertical. Each is left out where `plausibility` or its own
+innovation says so, and the covariance grows meanwhile. The covariance of the vertical is that of
+sigma_C and of what the hand's acceleration is beyond it.
 
 A lost, frozen, clipped or impossible sample is none: alpha and the tip's acceleration fade, and the
-covariance grows by what a hand may do. While the instrument rests, its rate is 0 but for
+covariance grows by what a hand may do. Without a vertical or north the rate is 0 within what a hand
+turns by, which keeps drift and covariance bounded; what a field that is caught has done to heading
+and rate before is taken back from the covariance. While the instrument rests, its rate is 0 but for
 `gates.rest_rate`, and the zero of A_D is learned on.
 
 Process noise is found by the unscented transformation of the channel noise, and of the roll that
@@ -62,6 +65,10 @@ from fmu_src.kit import sensing_kinematics as kinematics
 
 FADING = 0.02
 """Time constant by which alpha and the tip's acceleration fade without samples [s]."""
+TURN = 0.3
+"""Time that a hand turns one way [s]."""
+UNUSED = 1e9
+"""Variance of what is not measured."""
 AGREEMENT = np.radians(10.0)
 """Within which TRIAD of two samples must agree for the filter to start [rad]."""
 ZERO_MEMORY = 5.0
@@ -136,8 +143,16 @@ class Params(Parameters):
         min=0.0,
         max=1e3,
     )
-    heading_only = boolean(
-        "the field corrects the rotation about the vertical only; otherwise as much as in TRIAD",
+    hand_rate = real(
+        "rad/s",
+        "rate of a hand, lasting for 0.3 s, while vertical or north are not known (guess)",
+        start=0.1,
+        min=1e-4,
+        max=100.0,
+    )
+    decoupled = boolean(
+        "the vertical corrects the tilt only, and the field the rotation about the vertical only;"
+        " otherwise both correct all, as TRIAD does",
         start=True,
     )
     gates: Any = plausibility.Gates
@@ -293,6 +308,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     alive = plausibility.alive(u.volts, f, field, gates, x.channels)
     heard_force = ca.logic_and(u.inertial_valid, alive.force)
     heard_field = ca.logic_and(u.inertial_valid, alive.field)
+    dead_field = ca.logic_and(u.inertial_valid, ca.logic_not(alive.field))
     upright = ca.logic_and(weight > 0.5 * p.gravity, weight < 1.5 * p.gravity)
     across = ca.sumsqr(ca.cross(z_B, n_B)) > LEAST_NORTH**2
     complete = ca.logic_and(ca.logic_and(heard_force, heard_field), ca.logic_and(upright, across))
@@ -345,6 +361,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     R = rotations.matrix(q_predicted)
     up_B = R[2, :].T
     heading = ca.diagcat(up_B @ up_B.T, up_B @ up_B.T)
+    everything = ca.SX.eye(6)
 
     # Vertical, whose covariance follows what the hand does
     P_W = R @ P[:3, :3] @ R.T
@@ -362,6 +379,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
         (white + hand + excess) / weight**2 * ca.SX.eye(2),
         ca.logic_and(going, ca.logic_and(usable, still)),
         gates.sigma,
+        ca.if_else(p.decoupled, everything - heading, everything),
     )
     off_vertical = ca.if_else(ca.logic_or(anew, tilt.taken), 0, x.off_vertical + T)
 
@@ -375,38 +393,57 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     as_it_was = ca.logic_or(accepted, plausibility.as_it_was(strength, dip, gates, x.field))
     level = ca.sumsqr(field_W[:2])
     has_north = level > LEAST_NORTH**2
+    level_of_north = ca.fmax(level, LEAST_NORTH**2)
     opened = (np.pi / 2) ** 2 * accepted
     north = attitude_filter.correct(
         tilt.P + opened * ca.diagcat(heading[:3, :3], ca.SX.zeros(3, 3)),
         north_residual - H_north @ (R @ tilt.change[:3]),
         ca.horzcat(H_north @ R, ca.SX.zeros(1, 3)),
-        sigma_N**2 / ca.fmax(level, LEAST_NORTH**2),
+        sigma_N**2 / level_of_north,
         ca.logic_and(
             ca.logic_and(going, ca.logic_and(heard_field, has_north)),
             ca.logic_and(as_it_was, ca.logic_or(accepted, x.field.doubt <= 0)),
         ),
         gates.sigma,
-        ca.if_else(p.heading_only, heading, ca.SX.eye(6)),
+        ca.if_else(p.decoupled, heading, everything),
     )
     believed = ca.logic_and(as_it_was, north.squared <= gates.sigma**2)
     field_state = plausibility.follow_field(
-        strength, dip, heard_field, believed, anew, x.age, gates, x.field, T
+        strength, dip, heard_field, dead_field, believed, anew, x.age, gates, x.field, T
     )
 
-    # Rest: the rate is none
+    # At rest there is no rate, and a hand that is not seen does not turn on and on. What lasts for
+    # a time is the same in all samples of it.
     noise = ca.vertcat(white, 4 * white, p.magnetometer.sigma**2 + p.magnetometer.residue**2)
     rest_state, at_rest = plausibility.follow_rest(
-        ca.horzcat(gravity_B, A_D, field), noise, ca.logic_and(usable, heard_field), anew, gates,
-        x.rest, T,
-    )  # fmt: skip
+        ca.horzcat(gravity_B, A_D, field),
+        noise,
+        ca.logic_and(usable, heard_field),
+        anew,
+        gates,
+        x.rest,
+        T,
+    )
+    resting = gates.rest_rate**2 * gates.rest_time / T
+    turning = p.hand_rate**2 * TURN / T
+    about_level = ca.if_else(at_rest, resting, ca.if_else(tilt.taken, UNUSED, turning))
+    about_up = ca.if_else(at_rest, resting, ca.if_else(north.taken, UNUSED, turning))
+    caught = ca.logic_and(plausibility.caught(heard_field, dead_field, believed, x.field), going)
+    up = heading[:3, :3]
     change = tilt.change + north.change
-    # A turn that is too slow to be told from rest is the same in all samples of the time.
     rest = attitude_filter.correct(
-        north.P,
+        north.P + caught * ca.diagcat(gates.field**2 / level_of_north * up, p.hand_rate**2 * up),
         rate_measured - b_before - change[3:],
         ca.horzcat(ca.SX.zeros(3, 3), ca.SX.eye(3)),
-        gates.rest_rate**2 * gates.rest_time / T * ca.SX.eye(3),
-        ca.logic_and(going, at_rest),
+        about_level * (ca.SX.eye(3) - up) + about_up * up,
+        ca.logic_and(
+            going, ca.logic_or(at_rest, ca.logic_not(ca.logic_and(tilt.taken, north.taken)))
+        ),
+        onto=ca.if_else(
+            ca.logic_or(at_rest, ca.logic_not(ca.logic_or(tilt.taken, north.taken))),
+            everything,
+            ca.if_else(tilt.taken, heading, everything - heading),
+        ),
     )
     change = change + rest.change
     zero = zero + T / ZERO_MEMORY * ca.logic_and(at_rest, ca.logic_not(zeroing)) * (A_D - zero)
@@ -491,7 +528,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
             attitude_sigma=ca.sqrt(ca.fmax(ca.diag(P)[:3], 0)),
             rate_bias_sigma=ca.sqrt(ca.fmax(ca.diag(P)[3:], 0)),
             magnetic_disturbance=ca.logic_and(
-                going, ca.logic_and(heard_field, ca.logic_not(north.taken))
+                going, ca.logic_and(u.inertial_valid, ca.logic_not(north.taken))
             ),
             acceleration_disturbance=ca.logic_and(
                 going,

@@ -235,10 +235,17 @@ def accepted(gates: Any, x: Any) -> Any:
     return x.other_for > gates.field_patience
 
 
+def caught(heard: Any, dead: Any, believed: Any, x: Any) -> Any:
+    """Whether a field that was believed until now is so no more; arguments as `follow_field`."""
+    wrong = ca.logic_or(dead, ca.logic_and(heard, ca.logic_not(believed)))
+    return ca.logic_and(wrong, x.doubt <= 0)
+
+
 def follow_field(
     strength: Any,
     dip: Any,
     heard: Any,
+    dead: Any,
     believed: Any,
     anew: Any,
     age: Any,
@@ -252,7 +259,8 @@ def follow_field(
         strength: [T].
         dip: [rad].
         heard: whether the magnetometers gave a sample.
-        believed: whether it was as it should be.
+        dead: whether one of them is frozen or clipped.
+        believed: whether the sample was as it should be.
         anew: whether the filter starts here.
         age: time since it did [s].
         gates: record `Gates`.
@@ -272,7 +280,11 @@ def follow_field(
         other_strength=x.other_strength + other * (strength - x.other_strength),
         other_dip=x.other_dip + other * (dip - x.other_dip),
         other_for=ca.if_else(waiting, x.other_for + T, ca.if_else(heard, 0, x.other_for)),
-        doubt=ca.if_else(new, 0, ca.if_else(doubted, gates.field_hold, ca.fmax(x.doubt - T, 0))),
+        doubt=ca.if_else(
+            new,
+            0,
+            ca.if_else(ca.logic_or(doubted, dead), gates.field_hold, ca.fmax(x.doubt - T, 0)),
+        ),
     )
 
 

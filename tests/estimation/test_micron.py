@@ -83,7 +83,7 @@ def test_tip_displacement_is_right_in_size_and_phase(method) -> None:
         "method": method,
         "roll_density": 1e6,
         "hand_acceleration": 1.0,
-        "heading_only": False,
+        "decoupled": False,
         "settling": 0.0,
     }
     _, _, _, tip, out = estimate(plain)
