@@ -316,7 +316,9 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     # Start, and start anew after a long time without a vertical
     z = triad.attitude(z_B, n_B)
     dip_measured = ca.asin(ca.fmax(ca.fmin(ca.dot(z_B, n_B), 1), -1))
-    lost = x.off_vertical > gates.tilt_patience
+    # Nearly at rest, a start without a vertical was a wrong one.
+    young = x.age < p.settling
+    lost = x.off_vertical > ca.if_else(young, gates.start_patience, gates.tilt_patience)
     again = ca.logic_and(
         lost,
         ca.logic_and(complete, plausibility.as_it_was(strength, dip_measured, gates, x.field)),
@@ -330,11 +332,10 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
 
     # Differential sensing kinematics; offsets of the channels would make the rate's bias a ramp
     samples = x.age / T
-    zeroing = x.age < p.settling
     possible = ca.logic_or(anew, ca.mmax(ca.fabs(A_D - x.zero)) < gates.difference)
     usable = ca.logic_and(heard_force, possible)
     zero = ca.if_else(
-        ca.logic_and(zeroing, ca.logic_and(going, usable)),
+        ca.logic_and(young, ca.logic_and(going, usable)),
         (samples * x.zero + A_D) / (samples + 1),
         ca.if_else(ca.logic_and(anew, p.settling > 0), A_D, x.zero),
     )
@@ -371,17 +372,23 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     hand = p.hand_acceleration**2
     tilted = p.gravity**2 * (P_W[0, 0] + P_W[1, 1]) / 3
     excess = ca.fmax(agitation - 2 * (hand + white) - tilted, 0)
-    still = ca.fabs(weight - p.gravity) < gates.force
+    excess = ca.fmin(excess, gates.force**2)
+    still = ca.logic_and(usable, ca.fabs(weight - p.gravity) < gates.force)
+    tilt_residual = attitude_filter.tilt_innovation(R @ z_B)
+    variance = (white + hand) / weight**2
     tilt = attitude_filter.correct(
         P,
-        attitude_filter.tilt_innovation(R @ z_B),
+        tilt_residual,
         ca.horzcat(R[:2, :], ca.SX.zeros(2, 3)),
-        (white + hand + excess) / weight**2 * ca.SX.eye(2),
-        ca.logic_and(going, ca.logic_and(usable, still)),
+        (variance + excess * gates.coherence / T / weight**2) * ca.SX.eye(2),
+        ca.logic_and(going, still),
         gates.sigma,
         ca.if_else(p.decoupled, everything - heading, everything),
     )
-    off_vertical = ca.if_else(ca.logic_or(anew, tilt.taken), 0, x.off_vertical + T)
+    # A wrong vertical stays wrong, whatever acceleration it is mistaken for; a hand turns back.
+    spread = variance + ca.fmax(P_W[0, 0], P_W[1, 1])
+    met = ca.logic_and(still, ca.sumsqr(tilt_residual) < gates.sigma**2 * spread)
+    off_vertical = ca.if_else(ca.logic_or(anew, met), 0, x.off_vertical + T)
 
     # North
     field_W = R @ n_B
@@ -395,6 +402,8 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     has_north = level > LEAST_NORTH**2
     level_of_north = ca.fmax(level, LEAST_NORTH**2)
     opened = (np.pi / 2) ** 2 * accepted
+    # Far from level the vertical's turn is one about the wrong axis by its square.
+    opened = opened + ca.sumsqr(tilt.change[:3]) ** 2
     north = attitude_filter.correct(
         tilt.P + opened * ca.diagcat(heading[:3, :3], ca.SX.zeros(3, 3)),
         north_residual - H_north @ (R @ tilt.change[:3]),
@@ -446,7 +455,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
         ),
     )
     change = change + rest.change
-    zero = zero + T / ZERO_MEMORY * ca.logic_and(at_rest, ca.logic_not(zeroing)) * (A_D - zero)
+    zero = zero + T / ZERO_MEMORY * ca.logic_and(at_rest, ca.logic_not(young)) * (A_D - zero)
 
     q = ca.if_else(going, attitude_filter.moved(q_predicted, change), ca.if_else(complete, z, x.q))
     b = b_before + ca.if_else(going, change[3:], 0)
@@ -486,11 +495,15 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     )
     settled = ca.logic_and(going, age >= p.settling)
     valid = ca.logic_and(
-        ca.logic_and(settled, known), ca.logic_and(upright, outage <= gates.outage)
+        ca.logic_and(settled, known),
+        ca.logic_and(
+            ca.logic_and(upright, excess < (gates.tilt_limit * p.gravity) ** 2),
+            ca.logic_and(outage <= gates.outage, off_vertical <= gates.tilt_outage),
+        ),
     )
     shown = ca.vertcat(
-        tilt.taken * attitude_filter.tilt_innovation(R @ z_B),
-        north.taken * (north_residual - H_north[:2] @ attitude_filter.tilt_innovation(R @ z_B)),
+        tilt.taken * tilt_residual,
+        north.taken * (north_residual - H_north[:2] @ tilt_residual),
     )
 
     return (

@@ -83,14 +83,31 @@ class Gates(Parameters):
     tilt_patience = real(
         "s",
         "time without a vertical after which the filter starts anew",
-        start=5.0,
+        start=2.0,
         min=0.1,
         max=1e4,
+    )
+    start_patience = real(
+        "s", "the same while it settles, nearly at rest", start=0.1, min=1e-2, max=1e4
+    )
+    tilt_outage = real(
+        "s",
+        "time without a vertical after which the outputs are not valid",
+        start=0.5,
+        min=0.0,
+        max=1e4,
+    )
+    coherence = real(
+        "s",
+        "time for which a sample of the hand's acceleration stands in the vertical's weight",
+        start=3e-3,
+        min=1e-3,
+        max=10.0,
     )
     agitation_time = real(
         "s",
         "time constant by which the hand's acceleration is followed",
-        start=0.3,
+        start=0.05,
         min=1e-2,
         max=60.0,
     )
