@@ -305,9 +305,8 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     z_B = gravity_B / weight
 
     # What of the sample there is
-    alive = plausibility.alive(u.volts, f, field, gates, x.channels)
-    heard_force = ca.logic_and(u.inertial_valid, alive.force)
-    heard_field = ca.logic_and(u.inertial_valid, alive.field)
+    alive = plausibility.alive(u.volts, u.inertial_valid, f, field, gates, x.channels)
+    heard_force, heard_field = alive.force, alive.field
     dead_field = ca.logic_and(u.inertial_valid, ca.logic_not(alive.field))
     upright = ca.logic_and(weight > 0.5 * p.gravity, weight < 1.5 * p.gravity)
     across = ca.sumsqr(ca.cross(z_B, n_B)) > LEAST_NORTH**2
@@ -497,7 +496,10 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     valid = ca.logic_and(
         ca.logic_and(settled, known),
         ca.logic_and(
-            ca.logic_and(upright, excess < (gates.tilt_limit * p.gravity) ** 2),
+            ca.logic_and(
+                ca.logic_or(upright, ca.logic_not(usable)),
+                excess < (gates.tilt_limit * p.gravity) ** 2,
+            ),
             ca.logic_and(outage <= gates.outage, off_vertical <= gates.tilt_outage),
         ),
     )

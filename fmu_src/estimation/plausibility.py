@@ -206,8 +206,8 @@ class Alive(NamedTuple):
         following: state.
         frozen: whether a channel is frozen.
         clipped: whether a channel is at the end of its range.
-        force: whether all accelerometers are neither.
-        field: whether all magnetometers are neither.
+        force: whether there is a sample, and all accelerometers are neither.
+        field: whether there is one, and all magnetometers are neither.
     """
 
     following: Channels
@@ -217,28 +217,30 @@ class Alive(NamedTuple):
     field: Any
 
 
-def alive(volts: Any, f: Any, m: Any, gates: Any, x: Any) -> Alive:
+def alive(volts: Any, heard: Any, f: Any, m: Any, gates: Any, x: Any) -> Alive:
     """Which channels of a sample give what they sense.
 
     Args:
         volts: (9,).
+        heard: whether there is a sample at all.
         f: specific forces (6,).
         m: field (3,) [T].
         gates: record `Gates`.
         x: record `Channels`.
     """
-    same = ca.if_else(volts == x.volts, x.same + 1, 0)
+    same = ca.if_else(heard, ca.if_else(volts == x.volts, x.same + 1, 0), x.same)
     frozen = ca.logic_and(gates.frozen_samples > 0, same >= gates.frozen_samples)
     at_rail = ca.logic_or(volts < RAIL, volts > design.ADC_SPAN - RAIL)
     beyond = ca.vertcat(ca.fabs(f) > gates.force_range, ca.fabs(m) > gates.field_range)
-    clipped = ca.logic_or(at_rail, beyond)
+    clipped = ca.logic_and(heard, ca.logic_or(at_rail, beyond))
     dead = ca.logic_or(frozen, clipped)
+    first, rest = dead[:ACCELEROMETERS], dead[ACCELEROMETERS:]
     return Alive(
-        Channels(volts=volts, same=same),
+        Channels(volts=ca.if_else(heard, volts, x.volts), same=same),
         ca.mmax(frozen),
         ca.mmax(clipped),
-        ca.logic_not(ca.mmax(dead[:ACCELEROMETERS])),
-        ca.logic_not(ca.mmax(dead[ACCELEROMETERS:])),
+        ca.logic_and(heard, ca.logic_not(ca.mmax(first))),
+        ca.logic_and(heard, ca.logic_not(ca.mmax(rest))),
     )
 
 
