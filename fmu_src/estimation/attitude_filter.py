@@ -26,6 +26,9 @@ import numpy as np
 
 from fmu_src.kit import rotations
 
+LEAST = 1e-9
+"""Added to lengths that may vanish: angles and their derivatives are finite everywhere."""
+
 
 def predict_attitude(q: Any, w: Any, T: float) -> ca.SX:
     """Attitude one sample later at the rate w, (4,) (A04 4.16)."""
@@ -58,10 +61,11 @@ def tilt_innovation(up_W: Any) -> ca.SX:
             the prediction is right. What turns it there by the shortest way is the error, exact at
             every angle; at 180 deg, where every way is, about x.
     """
-    across = ca.sqrt(ca.sumsqr(up_W[:2]))
-    vanished = across < 1e-9
-    ratio = ca.if_else(vanished, 1, ca.atan2(across, up_W[2]) / ca.fmax(across, 1e-9))
-    turned = ca.if_else(ca.logic_and(vanished, up_W[2] < 0), np.pi, ratio * up_W[1])
+    squared = ca.sumsqr(up_W[:2])
+    across = ca.sqrt(squared + LEAST**2)
+    ratio = ca.atan2(across, up_W[2]) / across
+    vanished = ca.logic_and(squared < LEAST**2, up_W[2] < 0)
+    turned = ca.if_else(vanished, np.pi, ratio * up_W[1])
     return ca.vertcat(turned, -ratio * up_W[0])
 
 
@@ -74,10 +78,9 @@ def north_innovation(field_W: Any) -> tuple[ca.SX, ca.SX]:
     Args:
         field_W: measured field by the predicted attitude, R(q) n_B, a unit vector.
     """
-    level = ca.fmax(ca.sqrt(ca.sumsqr(field_W[:2])), 1e-9)
-    lean = -field_W[2] / level**2
+    lean = -field_W[2] / (ca.sumsqr(field_W[:2]) + LEAST**2)
     return (
-        -ca.atan2(field_W[1], field_W[0]),
+        -ca.atan2(field_W[1], field_W[0] + LEAST),
         ca.horzcat(lean * field_W[0], lean * field_W[1], 1),
     )
 

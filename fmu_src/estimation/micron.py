@@ -67,8 +67,8 @@ FADING = 0.02
 """Time constant by which alpha and the tip's acceleration fade without samples [s]."""
 TURN = 0.3
 """Time that a hand turns one way [s]."""
-UNUSED = 1e9
-"""Variance of what is not measured."""
+UNUSED = 1e4
+"""Variance of what is not measured; no larger, for the sake of single precision."""
 AGREEMENT = np.radians(10.0)
 """Within which TRIAD of two samples must agree for the filter to start [rad]."""
 ZERO_MEMORY = 5.0
@@ -208,7 +208,12 @@ class X(State):
     w_i = real("rad/s", "integral of alpha", shape=3)
     b = real("rad/s", "bias of w_I", shape=3)
     zero = real("m/s2", "A_D at rest", shape=3)
-    P = real(None, "covariance of attitude error and bias", shape=(6, 6))
+    P = real(
+        None,
+        "covariance of attitude error and bias",
+        shape=(6, 6),
+        start=np.diag([np.pi**2] * 3 + [1.0] * 3),
+    )
     alpha = real("rad/s2", "angular acceleration", shape=3)
     a = real("m/s2", "tip acceleration in W, lagged", shape=3)
     a_wide = real("m/s2", "tip acceleration in W, lag put right", shape=3)
@@ -314,7 +319,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
 
     # Start, and start anew after a long time without a vertical
     z = triad.attitude(z_B, n_B)
-    dip_measured = ca.asin(ca.fmax(ca.fmin(ca.dot(z_B, n_B), 1), -1))
+    dip_measured = plausibility.dip(ca.dot(z_B, n_B))
     # Nearly at rest, a start without a vertical was a wrong one.
     young = x.age < p.settling
     lost = x.off_vertical > ca.if_else(young, gates.start_patience, gates.tilt_patience)
@@ -392,9 +397,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     # North
     field_W = R @ n_B
     north_residual, H_north = attitude_filter.north_innovation(field_W)
-    dip = ca.if_else(
-        ca.logic_or(lost, anew), dip_measured, ca.asin(ca.fmax(ca.fmin(field_W[2], 1), -1))
-    )
+    dip = ca.if_else(ca.logic_or(lost, anew), dip_measured, plausibility.dip(field_W[2]))
     accepted = plausibility.accepted(gates, x.field)
     as_it_was = ca.logic_or(accepted, plausibility.as_it_was(strength, dip, gates, x.field))
     level = ca.sumsqr(field_W[:2])

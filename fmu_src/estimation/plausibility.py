@@ -244,6 +244,12 @@ def alive(volts: Any, heard: Any, f: Any, m: Any, gates: Any, x: Any) -> Alive:
     )
 
 
+def dip(along: Any) -> Any:
+    """Angle of a field above the horizon [rad], from its unit vector's part along the vertical."""
+    edge = 1 - 1e-9  # where the slope of the arc sine is still finite
+    return ca.asin(ca.fmax(ca.fmin(along, edge), -edge))
+
+
 def as_it_was(strength: Any, dip: Any, gates: Any, x: Any) -> Any:
     """Whether strength [T] and dip [rad] of the field are the undisturbed ones."""
     return _near(strength, dip, x.strength, x.dip, gates.field, gates.dip)
