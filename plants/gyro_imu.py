@@ -1,0 +1,310 @@
+"""Inertial unit of one place: three gyros, three accelerometers, three magnetometers.
+
+    f      = R^T (a_W - g_W) + alpha x l + w x (w x l)             specific force at the unit
+    m      = R^T (F (cos I, 0, -sin I) + B(o + R l - c))           magnetic field, a magnet's in it
+    y      = round(clip((I + M)(delayed u) + b + v + N / sqrt(2 T) z, -L, L) / D) D
+    v'     = white noise of density K                              bias walk
+
+| symbol | meaning |
+| --- | --- |
+| u, y | rate w [rad/s], specific force f [m/s2] or field m [T]; as given out |
+| a_W, alpha, w | acceleration of the origin of B, angular acceleration and rate |
+| R, o | R(q_WB), origin of B in W [m] |
+| l | place of the unit in B [m]: the lever arm |
+| B | field of a dipole at the place c in W [T] |
+| M | scale errors on the diagonal, else misalignment and cross axis: rows are channels |
+| b, v | bias and its walk |
+| N, K | one-sided density of the white noise, density of the walk |
+| L, D | range, and step of the converter |
+
+Delays are filters and converters of the unit: sums of neighbouring samples of a line of 32, so any
+delay below 31 samples comes out, whole samples exactly, between them like a straight line.
+
+Sources. MPU-9250 data sheet: gyro 0.01 deg/s/Hz0.5, accelerometer 300 ug/Hz0.5, 16 bit; ranges of
+250 deg/s and 2 g; the magnetometer has no noise density there, 0.6 uT rms at 100 Hz is chosen.
+Walk: chosen, 5 deg/h after 100 s for the gyro. Bias, scale and misalignment are raw ones of a cheap
+unit after a factory calibration: some tenths of deg/s, some mg, some tenths of a per cent, some
+tenths of a degree; fixed numbers in no order.
+"""
+
+from typing import Any
+
+import casadi as ca
+import numpy as np
+
+from fmu_src.kit import (
+    Derived,
+    Inputs,
+    Model,
+    Outputs,
+    Parameters,
+    State,
+    boolean,
+    design,
+    integer,
+    real,
+    rotations,
+)
+
+LINE = 32
+"""Samples of the delay line."""
+MILLI_G = 1e-3 * design.STANDARD_GRAVITY
+SOFT = 0.01
+"""Distance at which the field of a magnet stops growing [m]: its size."""
+SMALLEST_NORM = 0.01
+"""Squared length below which four numbers no longer pass for an attitude."""
+_PER_STERADIAN = 1e-7
+"""Magnetic constant over 4 pi [T.m/A]."""
+
+
+class Params(Parameters):
+    """Errors of each triad; lever arm; site."""
+
+    seed = integer("seed of the noise", start=1, min=0, max=2**31 - 1)
+    lever = real(
+        "m", "place l of the unit in B", shape=3, start=(0.0, 0.0, 0.03), min=-1.0, max=1.0
+    )
+    gyro_bias = real(
+        "rad/s",
+        "bias b of the gyros",
+        shape=3,
+        start=np.radians([0.4, -0.3, 0.2]),
+        min=-0.5,
+        max=0.5,
+    )
+    gyro_matrix = real(
+        None,
+        "M of the gyros",
+        shape=(3, 3),
+        start=[[3e-3, 2e-3, -1e-3], [-2e-3, -4e-3, 1.5e-3], [1e-3, -2.5e-3, 2e-3]],
+        min=-0.2,
+        max=0.2,
+    )
+    gyro_noise = real("rad/s/Hz0.5", "N of the gyros", start=np.radians(0.01), min=0.0, max=0.1)
+    gyro_walk = real(
+        "rad/s1.5", "K of the gyros", start=np.radians(5 / 3600) / 10, min=0.0, max=0.1
+    )
+    gyro_range = real("rad/s", "L of the gyros", start=np.radians(250.0), min=0.1, max=100.0)
+    gyro_delay = real("s", "delay of the gyros", start=0.0, min=0.0, max=0.03)
+    accelerometer_bias = real(
+        "m/s2",
+        "bias b of the accelerometers",
+        shape=3,
+        start=np.array([2.0, -1.5, 2.5]) * MILLI_G,
+        min=-5.0,
+        max=5.0,
+    )
+    accelerometer_matrix = real(
+        None,
+        "M of the accelerometers",
+        shape=(3, 3),
+        start=[[1e-3, 1e-3, -0.8e-3], [-0.6e-3, -1.5e-3, 0.9e-3], [1.2e-3, 0.5e-3, 2e-3]],
+        min=-0.2,
+        max=0.2,
+    )
+    accelerometer_noise = real(
+        "m/s2/Hz0.5", "N of the accelerometers", start=0.3 * MILLI_G, min=0.0, max=1.0
+    )
+    accelerometer_walk = real(
+        "m/s2.5", "K of the accelerometers", start=1e-3 * MILLI_G, min=0.0, max=1.0
+    )
+    accelerometer_range = real(
+        "m/s2", "L of the accelerometers", start=2 * design.STANDARD_GRAVITY, min=1.0, max=1e3
+    )
+    accelerometer_delay = real("s", "delay of the accelerometers", start=0.0, min=0.0, max=0.03)
+    magnetometer_bias = real(
+        "T",
+        "bias b of the magnetometers, hard iron in it",
+        shape=3,
+        start=(2e-7, -3e-7, 1.5e-7),
+        min=-1e-3,
+        max=1e-3,
+    )
+    magnetometer_matrix = real(
+        None,
+        "M of the magnetometers, soft iron in it",
+        shape=(3, 3),
+        start=[[4e-3, 2e-3, -2e-3], [2e-3, -3e-3, 1e-3], [-2e-3, 1e-3, 1e-3]],
+        min=-0.5,
+        max=0.5,
+    )
+    magnetometer_noise = real(
+        "T/Hz0.5",
+        "N of the magnetometers",
+        start=0.6e-6 / np.sqrt(50.0),
+        min=0.0,
+        max=1e-4,
+    )
+    magnetometer_walk = real("T/s0.5", "K of the magnetometers", start=1e-9, min=0.0, max=1e-5)
+    magnetometer_range = real("T", "L of the magnetometers", start=4.8e-3, min=1e-5, max=1.0)
+    magnetometer_delay = real("s", "delay of the magnetometers", start=0.0, min=0.0, max=0.03)
+    bits = integer("resolution of all converters", start=16, min=8, max=32)
+    gravity = real("m/s2", "gravity at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
+    field_strength = real(
+        "T", "strength F of the earth's field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
+    )
+    inclination = real(
+        "rad",
+        "dip I of the field below the horizon",
+        start=design.MAGNETIC_INCLINATION,
+        min=-np.pi / 2,
+        max=np.pi / 2,
+    )
+    magnet_moment = real(
+        "A.m2",
+        "moment of the magnet, W; of a cube of neodymium of 1 cm",
+        shape=3,
+        start=(0.0, 1.0, 0.0),
+        min=-100.0,
+        max=100.0,
+    )
+
+
+class In(Inputs):
+    """Motion of the body, a magnet, and faults on demand."""
+
+    body = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
+    body_acceleration = real(
+        "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
+    )
+    attitude = real(
+        None,
+        "attitude q_WB; a length other than 1 is scaled away",
+        shape=4,
+        axes="wxyz",
+        start=(1, 0, 0, 0),
+        min=-1.01,
+        max=1.01,
+    )
+    body_rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
+    angular_acceleration = real(
+        "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
+    )
+    magnet = real(
+        "m", "place of the magnet in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
+    )
+    lost = boolean("whether the sample is lost: the outputs are held and not valid")
+    frozen = boolean("whether the unit repeats its last sample, and calls it valid")
+
+
+class Weights(Derived):
+    """Weights of the delay line's samples, and what noise there is in a sample."""
+
+    gyro = real(None, "of the gyros", shape=LINE)
+    accelerometer = real(None, "of the accelerometers", shape=LINE)
+    magnetometer = real(None, "of the magnetometers", shape=LINE)
+
+
+class X(State):
+    """Delay line, walks, and the last sample."""
+
+    started = boolean("whether there was a sample before")
+    line = real(None, "past quantities, the latest first", shape=(9, LINE), listed=False)
+    walk = real(None, "walk v of the biases", shape=9)
+    held = real(None, "last sample given out", shape=9)
+
+
+class Out(Outputs):
+    """One sample of all three triads."""
+
+    rate = real("rad/s", "gyros, B", shape=3, axes="xyz")
+    force = real("m/s2", "accelerometers, B", shape=3, axes="xyz")
+    field = real("T", "magnetometers, B", shape=3, axes="xyz")
+    inertial_valid = boolean("whether this sample is there; false where it is lost", start=True)
+    clipped = boolean("whether a channel is at its limit")
+
+
+def derive(p: Params, T: float) -> Weights:
+    """What follows from the parameters."""
+
+    def weights(delay: Any) -> Any:
+        return ca.vertcat(*(ca.fmax(0, 1 - ca.fabs(delay / T - i)) for i in range(LINE)))
+
+    return Weights(
+        gyro=weights(p.gyro_delay),
+        accelerometer=weights(p.accelerometer_delay),
+        magnetometer=weights(p.magnetometer_delay),
+    )
+
+
+def magnet_field(moment: Any, r: Any) -> Any:
+    """Field of a magnet at a place r from it, (3,) [T], W."""
+    squared = ca.sumsqr(r) + SOFT**2
+    return (
+        _PER_STERADIAN
+        * (3 * r * ca.dot(r, moment) / squared - moment)
+        / (squared * ca.sqrt(squared))
+    )
+
+
+def step(p: Params, u: In, x: X, T: float, derived: Weights, normal: Any) -> tuple[X, Out]:
+    """One sample."""
+    R = rotations.matrix(u.attitude) / ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM)
+    lever = ca.cross(u.angular_acceleration, p.lever) + ca.cross(
+        u.body_rate, ca.cross(u.body_rate, p.lever)
+    )
+    force = R.T @ (u.body_acceleration + ca.vertcat(0, 0, p.gravity)) + lever
+    earth = p.field_strength * ca.vertcat(ca.cos(p.inclination), 0, -ca.sin(p.inclination))
+    field = R.T @ (earth + magnet_field(p.magnet_moment, u.body + R @ p.lever - u.magnet))
+    now = ca.vertcat(u.body_rate, force, field)
+    past = ca.if_else(x.started, x.line[:, :-1], ca.repmat(now, 1, LINE - 1))
+    line = ca.horzcat(now, past)
+
+    triads = (
+        (0, derived.gyro, p.gyro_matrix, p.gyro_bias, p.gyro_noise, p.gyro_walk, p.gyro_range),
+        (
+            3,
+            derived.accelerometer,
+            p.accelerometer_matrix,
+            p.accelerometer_bias,
+            p.accelerometer_noise,
+            p.accelerometer_walk,
+            p.accelerometer_range,
+        ),
+        (
+            6,
+            derived.magnetometer,
+            p.magnetometer_matrix,
+            p.magnetometer_bias,
+            p.magnetometer_noise,
+            p.magnetometer_walk,
+            p.magnetometer_range,
+        ),
+    )
+    samples, walks, limits = [], [], []
+    for at, weights, matrix, bias, noise, walk, limit in triads:
+        place = slice(at, at + 3)
+        sensed = (ca.SX.eye(3) + matrix) @ (line[place, :] @ weights)
+        walked = x.walk[place] + walk * np.sqrt(T) * normal[9 + at : 12 + at]
+        total = sensed + bias + walked + noise / np.sqrt(2 * T) * normal[place]
+        quantum = 2 * limit / 2.0**p.bits
+        cut = ca.fmin(ca.fmax(total, -limit), limit)
+        samples.append(ca.floor(cut / quantum + 0.5) * quantum)
+        walks.append(walked)
+        limits.append(ca.mmax(ca.fabs(total) >= limit))
+    stays = ca.logic_and(x.started, ca.logic_or(u.lost, u.frozen))
+    given = ca.if_else(stays, x.held, ca.vertcat(*samples))
+    return (
+        X(started=1, line=line, walk=ca.vertcat(*walks), held=given),
+        Out(
+            rate=given[:3],
+            force=given[3:6],
+            field=given[6:],
+            inertial_valid=ca.logic_not(u.lost),
+            clipped=ca.logic_or(limits[0], ca.logic_or(limits[1], limits[2])),
+        ),
+    )
+
+
+MODEL = Model(
+    "GyroImu",
+    step,
+    Params,
+    In,
+    X,
+    Out,
+    sample_period=1e-3,
+    draws=18,
+    derived=Weights,
+    derive=derive,
+)
