@@ -28,7 +28,7 @@ A lost, frozen, clipped or impossible sample is none: alpha and the tip's accele
 covariance grows by what a hand may do. Without a vertical or north the rate is 0 within what a hand
 turns by, which keeps drift and covariance bounded; what a field that is caught has done to heading
 and rate before is taken back from the covariance. While the instrument rests, its rate is 0 but for
-`gates.rest_rate`, and the zero of A_D is learned on.
+`gates.rest_rate`.
 
 Process noise is found by the unscented transformation of the channel noise, and of the roll that
 the prior suppresses, through alpha (A04 4.4.3.3): one sample adds T alpha to w_I, hence to the
@@ -36,7 +36,8 @@ bias, and tau alpha is the white part of the rate.
 
 Over the first `settling` seconds the instrument is nearly at rest (A04 2.3.1.1 starts so, too); the
 mean of A_D over that time is taken as its zero, because offsets of some mg would give the rate a
-bias that runs away faster than the filter follows.
+bias that runs away faster than the filter follows. It is followed from then on, because a hand's
+angular acceleration has no mean: quickly at rest, slowly otherwise.
 
 `valid` is true when the filter has settled, knows vertical and north within limits, has had a
 usable sample lately, and the specific force is near gravity. The other flags say why it may not be.
@@ -71,6 +72,8 @@ UNUSED = 1e4
 """Variance of what is not measured; no larger, for the sake of single precision."""
 AGREEMENT = np.radians(10.0)
 """Within which TRIAD of two samples must agree for the filter to start [rad]."""
+SETTLING = 0.1
+"""Share of what a hand can do that is possible while it settles, nearly at rest."""
 ZERO_MEMORY = 5.0
 """Time constant by which the zero of A_D is learned at rest [s]."""
 LEAST_NORTH = 0.1
@@ -156,6 +159,14 @@ class Params(Parameters):
         start=True,
     )
     gates: Any = plausibility.Gates
+    zero_memory = real(
+        "s",
+        "time constant by which the zero of the differences is followed after the settling, as a"
+        " hand's angular acceleration has no mean; 1e9: never",
+        start=20.0,
+        min=1.0,
+        max=1e9,
+    )
     bias_start = real(
         "rad/s", "standard deviation of the rate at the start", start=0.05, min=1e-6, max=10.0
     )
@@ -336,7 +347,8 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
 
     # Differential sensing kinematics; offsets of the channels would make the rate's bias a ramp
     samples = x.age / T
-    possible = ca.logic_or(anew, ca.mmax(ca.fabs(A_D - x.zero)) < gates.difference)
+    swing = gates.difference * ca.if_else(young, SETTLING, 1)
+    possible = ca.logic_or(anew, ca.mmax(ca.fabs(A_D - x.zero)) < swing)
     usable = ca.logic_and(heard_force, possible)
     zero = ca.if_else(
         ca.logic_and(young, ca.logic_and(going, usable)),
@@ -457,7 +469,9 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
         ),
     )
     change = change + rest.change
-    zero = zero + T / ZERO_MEMORY * ca.logic_and(at_rest, ca.logic_not(young)) * (A_D - zero)
+    follow = ca.if_else(at_rest, T / ZERO_MEMORY, T / p.zero_memory)
+    followed = ca.logic_and(ca.logic_and(going, usable), ca.logic_not(young))
+    zero = zero + followed * follow * (A_D - zero)
 
     q = ca.if_else(going, attitude_filter.moved(q_predicted, change), ca.if_else(complete, z, x.q))
     b = b_before + ca.if_else(going, change[3:], 0)

@@ -265,16 +265,11 @@ def test_half_an_hour_keeps_covariance_and_quaternion_whole() -> None:
     heard[40000:40500] = 0
     calm = np.tile(clean[0], (len(clean), 1))
     runner = CompiledRunner(MODEL)
-    names = [scalar.name for scalar in MODEL.state.scalars()]
-    q_at, P_at = names.index("q[1]"), names.index("P[1,1]")
     for minute in range(30):
         resting = minute == 29
         volts = converted((calm if resting else clean) + noise(run.rng, len(clean)))
         out = runner.run(len(clean), {"volts": volts, "inertial_valid": 1 if resting else heard})
-        P = runner.x[P_at : P_at + 36].reshape(6, 6)
-        assert abs(np.linalg.norm(runner.x[q_at : q_at + 4]) - 1) < 1e-12
-        np.testing.assert_array_equal(P, P.T)
-        assert np.linalg.eigvalsh(P).min() > 0
+        assert_whole(runner)
         norms = np.linalg.norm(out["attitude"], axis=1)
         assert np.abs(norms - 1).max() < 1e-12
         found = Rotation.from_quat(out["attitude"], scalar_first=True)
@@ -591,3 +586,50 @@ def test_motion_is_no_rest(motion) -> None:
     assert not run.flag("at_rest", 3.5, 10).any()
     assert run.tilt[2000:].max() < 0.5
     assert run.heading[2000:].max() < 0.5
+
+
+# Anything -----------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def hand():
+    run = Run(32, **HAND)
+    return run, run.volts()
+
+
+@settings(deadline=None, max_examples=20)
+@given(st.integers(0, 10**6), st.integers(0, 3000), st.integers(1, 3000), st.integers(0, 4))
+def test_whatever_came_before_good_samples_bring_it_back(hand, seed, begin, count, kind) -> None:
+    """Up to 3 s of nonsense within the first six, then 26 s of what is: no lock-out of any sort."""
+    run, good = hand
+    rng = np.random.default_rng(seed)
+    bad = slice(begin, begin + count)
+    volts = good.copy()
+    if kind == 0:
+        volts[bad] = rng.uniform(0, 5, (count, 9))
+    elif kind == 1:
+        volts[bad] = rng.uniform(0, 5, 9) + 1e-3 * rng.normal(size=(count, 9))
+    elif kind == 2:
+        volts[bad] += rng.normal(size=9) * 10 ** rng.uniform(-2, 0)
+    elif kind == 3:
+        volts[bad] = np.repeat(rng.uniform(0, 5, (count // 50 + 1, 9)), 50, axis=0)[:count]
+    else:
+        volts[bad] = volts[bad][:, rng.permutation(9)]
+    runner = CompiledRunner(MODEL)
+    out = runner.run(len(volts), {"volts": np.clip(volts, 0, 5)})
+    assert all(np.isfinite(values).all() for values in out.values())
+    assert_whole(runner)
+    error = Rotation.from_quat(out["attitude"][-2000:], scalar_first=True)
+    error = np.degrees((error * run.attitude[-2000:].inv()).magnitude())
+    assert error.max() < 1.0
+    assert out["valid"][-2000:].all()
+
+
+def assert_whole(runner: CompiledRunner) -> None:
+    """The state's quaternion is one, its covariance symmetric and positive definite."""
+    names = [scalar.name for scalar in MODEL.state.scalars()]
+    q_at, P_at = names.index("q[1]"), names.index("P[1,1]")
+    P = runner.x[P_at : P_at + 36].reshape(6, 6)
+    assert abs(np.linalg.norm(runner.x[q_at : q_at + 4]) - 1) < 1e-12
+    np.testing.assert_array_equal(P, P.T)
+    assert np.linalg.eigvalsh(P).min() > 0
