@@ -151,6 +151,8 @@ def run(
         results["-".join(words) or scenario] = result.metrics
         if len(todo) == 1:
             display.show(metrics_table(result.metrics))
+            for each_estimator in result.consistency:
+                display.status(each_estimator.sentence)
         display.files(record=result.file, report=result.report)
     found = ranks(compared)
     if json is not None:

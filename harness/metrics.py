@@ -39,6 +39,7 @@ __all__ = [
     "metrics_of",
     "metrics_of_result",
     "motion_of",
+    "rotation_between",
 ]
 
 TREMOR_BAND = (6.0, 16.0)
@@ -153,10 +154,21 @@ def intent_of(motion: Motion) -> FloatArray | None:
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
     """(n,) angle of the rotation between unit quaternions, (n, 4), scalar first [rad]."""
-    scalar = np.abs(np.sum(a * b, axis=1))
-    # |vector part of a* b| without the loss of digits of arccos near 0.
+    return np.asarray(np.linalg.norm(rotation_between(a, b), axis=1))
+
+
+def rotation_between(a: FloatArray, b: FloatArray) -> FloatArray:
+    """(n, 3) shortest rotation vector from a to b, unit quaternions (n, 4), in the body of a [rad].
+
+    b = a (x) exp(theta / 2), scalar first.
+    """
+    scalar = np.sum(a * b, axis=1)
     vector = a[:, :1] * b[:, 1:] - b[:, :1] * a[:, 1:] - np.cross(a[:, 1:], b[:, 1:])
-    return np.asarray(2.0 * np.arctan2(np.linalg.norm(vector, axis=1), scalar))
+    length = np.linalg.norm(vector, axis=1)
+    # Near 0, arctan2 keeps the digits that arccos would lose.
+    angle = 2.0 * np.arctan2(length, np.abs(scalar))
+    along = np.where(scalar < 0.0, -angle, angle) / np.where(length > 0.0, length, 1.0)
+    return np.asarray(along[:, np.newaxis] * vector)
 
 
 def _band_pass(order: int, band: tuple[float, float], x: FloatArray, step: float) -> FloatArray:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,6 +18,7 @@ from harness.system import matching
 if TYPE_CHECKING:
     import pyarrow as pa
 
+    from harness.consistency import Consistency
     from harness.metrics import Metric
     from harness.parts import FloatArray
 
@@ -94,10 +95,18 @@ class Result:
 
     @cached_property
     def metrics(self) -> Mapping[str, Metric]:
-        """Figures of merit by name, computed from the record; see `harness.metrics`."""
+        """Figures of merit by name; see `harness.metrics` and `harness.consistency`."""
         from harness.metrics import metrics_of_result
 
-        return metrics_of_result(self)
+        found = metrics_of_result(self)
+        return found | {k: v for each in self.consistency for k, v in each.metrics().items()}
+
+    @cached_property
+    def consistency(self) -> Sequence[Consistency]:
+        """Whether estimators err as much as they say; see `harness.consistency`."""
+        from harness.consistency import consistency_of
+
+        return consistency_of(self)
 
     @property
     def report(self) -> Path:

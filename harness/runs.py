@@ -121,6 +121,11 @@ def facts_of(system: System) -> dict[str, Any]:
         "texts": [list(text) for text in scenario.texts],
         "overrides": dict(scenario.overrides),
         "motions": {name: path.name for name, path in system.motions.items()},
+        "innovation_sizes": {
+            name: table.innovation_size
+            for name, table in scenario.parts.items()
+            if table.innovation_size is not None
+        },
         "roles": {role: list(names) for role, names in system.roles.items()},
         "order": list(system.wiring.order),
         "delays": {

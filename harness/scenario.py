@@ -18,8 +18,9 @@ A scenario is TOML. Keys of the file:
 Laid over another table, parts and variants merge per key; a wire takes the place of one with the
 same `to`, or is appended.
 
-Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]) and
-`motion` (a recording that is streamed into the part's inputs `recorded_*`).
+Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]),
+`motion` (a recording that is streamed into the part's inputs `recorded_*`) and `innovation_size`
+(degrees of freedom of each correction of an estimator that has no output of that name).
 """
 
 from __future__ import annotations
@@ -37,10 +38,12 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from harness.errors import ProblemsError, SteadytipError, nearest
 from harness.parts import is_path, kinds
 
-__all__ = ["SHORTEST", "PartTable", "Scenario", "Signals", "Wire", "available", "load"]
+__all__ = ["SHORTEST", "SQUARED", "PartTable", "Scenario", "Signals", "Wire", "available", "load"]
 
 SHORTEST = 1.0
 """Seconds that have to be left after `settle`; less is no basis for a figure of merit."""
+SQUARED = "innovation_squared"
+"""Output with which an estimator tells how large its corrections are; see `harness.consistency`."""
 
 _Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 _Ports = str | list[str]
@@ -83,6 +86,8 @@ class Signals(_Strict):
         stroke: what the actuators make of them (n), m.
         attitude_true: quaternion q_WB of the plant (4), scalar first.
         attitude_estimated: the same as estimated (4).
+        position_true: position that an estimator is after (3), m in W.
+        position_estimated: the same as estimated (3).
         saturated: true while a command is at its limit (1).
     """
 
@@ -93,6 +98,8 @@ class Signals(_Strict):
     stroke: _Ports | None = None
     attitude_true: _Ports | None = None
     attitude_estimated: _Ports | None = None
+    position_true: _Ports | None = None
+    position_estimated: _Ports | None = None
     saturated: _Ports | None = None
 
 
@@ -101,6 +108,7 @@ class _Common(BaseModel):
 
     step_limit: _Positive = 10.0
     motion: str | None = None
+    innovation_size: int | None = Field(default=None, ge=1)
 
 
 class _File(_Strict):
@@ -124,12 +132,14 @@ class PartTable:
         settings: the kind's own settings, `kind` among them.
         step_limit: wall-clock time that one call may take [s].
         motion: recording to stream into it.
+        innovation_size: degrees of freedom of its corrections, if it does not say itself.
     """
 
     kind: str
     settings: Mapping[str, Any]
     step_limit: float
     motion: Path | None
+    innovation_size: int | None = None
 
 
 @dataclass(frozen=True)
@@ -381,4 +391,5 @@ def _part(part: _Common) -> PartTable:
         settings=settings,
         step_limit=part.step_limit,
         motion=Path(part.motion) if part.motion is not None else None,
+        innovation_size=part.innovation_size,
     )

@@ -14,7 +14,7 @@ from harness.parts import Part, Settings, kinds
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.record import Column
-from harness.scenario import SHORTEST, Scenario, Signals, Wire
+from harness.scenario import SHORTEST, SQUARED, Scenario, Signals, Wire
 from harness.wiring import Wiring, connect
 
 __all__ = ["System", "assemble", "matching", "moved_part", "part_seed"]
@@ -25,6 +25,8 @@ _COUNTS = {
     "intent": 3,
     "attitude_true": 4,
     "attitude_estimated": 4,
+    "position_true": 3,
+    "position_estimated": 3,
     "saturated": 1,
 }
 
@@ -117,7 +119,7 @@ def assemble(
         roles=_roles(where, scenario.signals, columns),
         motions=motions,
         steps=max(1, int(seconds / scenario.step + 1e-6)),
-        notes=(*notes, *wiring.notes),
+        notes=(*notes, *_silent_estimators(scenario, columns), *wiring.notes),
     )
 
 
@@ -195,6 +197,15 @@ def _duration(scenario: Scenario, parts: Mapping[str, Part]) -> tuple[float, lis
             f"{SHORTEST:g} s of {seconds:g} s"
         )
     return seconds, notes
+
+
+def _silent_estimators(scenario: Scenario, columns: Sequence[str]) -> list[str]:
+    return [
+        f"no NIS of '{name}', whose 'innovation_size' is {table.innovation_size}: it has no output "
+        f"'{SQUARED}'"
+        for name, table in scenario.parts.items()
+        if table.innovation_size is not None and f"{name}.{SQUARED}" not in columns
+    ]
 
 
 def _roles(where: str, signals: Signals, columns: Sequence[str]) -> dict[str, tuple[str, ...]]:

@@ -29,7 +29,8 @@ surroundings). Pose of the coil frame in the tracker's frame, whose axes are tur
 `registration` from W and whose origin is `origin`: the same as W unless set.
 
 Sources. Rate and latency as usual for an Aurora, 40 Hz and 25 ms; jitter, room and mounting are
-chosen, the room so that an instrument that turns through 60 deg shows 0.5 deg rms (RK Fig. 4).
+chosen, the room so that the roll of an instrument that turns by 60 deg is shown with 0.5 deg rms,
+latency in it (RK Fig. 4).
 """
 
 from typing import Any
@@ -90,11 +91,11 @@ class Params(Parameters):
         "m",
         "places of the pieces in the room, one a row",
         shape=(ROOM, 3),
-        start=[[0.12, 0.14, -0.10], [-0.16, -0.10, 0.12], [0.05, -0.2, -0.15]],
+        start=[[0.13, -0.03, 0.16], [0.06, -0.2, -0.05], [-0.21, 0.11, 0.16]],
         min=-5.0,
         max=5.0,
     )
-    room_radii = real("m", "their radii", shape=ROOM, start=(0.045, 0.04, 0.05), min=0.0, max=0.5)
+    room_radii = real("m", "their radii", shape=ROOM, start=(0.03, 0.05, 0.035), min=0.0, max=0.5)
     lever = real("m", "place l of the sensor in B", shape=3, min=-1.0, max=1.0)
     mounting = real(
         "rad", "rotation vector of h, from B to the coil frame", shape=3, min=-np.pi, max=np.pi

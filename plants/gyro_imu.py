@@ -2,7 +2,7 @@
 
     f      = R^T (a_W - g_W) + alpha x l + w x (w x l)             specific force at the unit
     m      = R^T (F (cos I, 0, -sin I) + B(o + R l - c))           magnetic field, a magnet's in it
-    y      = round(clip((I + M)(delayed u) + b + v + N / sqrt(2 T) z, -L, L) / D) D
+    y      = round(clip((I + M)(delayed u) + b + v + N sqrt(f_s / 2) z, -L, L) / D) D
     v'     = white noise of density K                              bias walk
 
 | symbol | meaning |
@@ -15,7 +15,7 @@
 | M | scale errors on the diagonal, else misalignment and cross axis: rows are channels |
 | b, v | bias and its walk |
 | N, K | one-sided density of the white noise, density of the walk |
-| L, D | range, and step of the converter |
+| L, D, f_s | range, step of the converter, samples in a second |
 
 Delays are filters and converters of the unit: sums of neighbouring samples of a line of 32, so any
 delay below 31 samples comes out, whole samples exactly, between them like a straight line.
@@ -45,6 +45,7 @@ from fmu_src.kit import (
     real,
     rotations,
 )
+from plants import sampling
 
 LINE = 32
 """Samples of the delay line."""
@@ -61,6 +62,13 @@ class Params(Parameters):
     """Errors of each triad; lever arm; site."""
 
     seed = integer("seed of the noise", start=1, min=0, max=2**31 - 1)
+    sample_rate = real(
+        "Hz",
+        "samples in a second, at most one a sample of the model; between them none is valid",
+        start=1000.0,
+        min=1.0,
+        max=1000.0,
+    )
     lever = real(
         "m", "place l of the unit in B", shape=3, start=(0.0, 0.0, 0.03), min=-1.0, max=1.0
     )
@@ -199,6 +207,7 @@ class X(State):
     """Delay line, walks, and the last sample."""
 
     started = boolean("whether there was a sample before")
+    phase = real(None, "samples that are due", start=1.0)
     line = real(None, "past quantities, the latest first", shape=(9, LINE), listed=False)
     walk = real(None, "walk v of the biases", shape=9)
     held = real(None, "last sample given out", shape=9)
@@ -210,7 +219,10 @@ class Out(Outputs):
     rate = real("rad/s", "gyros, B", shape=3, axes="xyz")
     force = real("m/s2", "accelerometers, B", shape=3, axes="xyz")
     field = real("T", "magnetometers, B", shape=3, axes="xyz")
-    inertial_valid = boolean("whether this sample is there; false where it is lost", start=True)
+    inertial_valid = boolean(
+        "whether a sample comes now: false between those of a slow unit and where one is lost",
+        start=True,
+    )
     clipped = boolean("whether a channel is at its limit")
 
 
@@ -276,21 +288,23 @@ def step(p: Params, u: In, x: X, T: float, derived: Weights, normal: Any) -> tup
         place = slice(at, at + 3)
         sensed = (ca.SX.eye(3) + matrix) @ (line[place, :] @ weights)
         walked = x.walk[place] + walk * np.sqrt(T) * normal[9 + at : 12 + at]
-        total = sensed + bias + walked + noise / np.sqrt(2 * T) * normal[place]
+        total = sensed + bias + walked + noise * ca.sqrt(p.sample_rate / 2) * normal[place]
         quantum = 2 * limit / 2.0**p.bits
         cut = ca.fmin(ca.fmax(total, -limit), limit)
         samples.append(ca.floor(cut / quantum + 0.5) * quantum)
         walks.append(walked)
         limits.append(ca.mmax(ca.fabs(total) >= limit))
-    stays = ca.logic_and(x.started, ca.logic_or(u.lost, u.frozen))
+    due, phase = sampling.exposed(x.phase, p.sample_rate, T)
+    came = ca.logic_and(due, ca.logic_not(u.lost))
+    stays = ca.logic_and(x.started, ca.logic_or(ca.logic_not(came), u.frozen))
     given = ca.if_else(stays, x.held, ca.vertcat(*samples))
     return (
-        X(started=1, line=line, walk=ca.vertcat(*walks), held=given),
+        X(started=1, phase=phase, line=line, walk=ca.vertcat(*walks), held=given),
         Out(
             rate=given[:3],
             force=given[3:6],
             field=given[6:],
-            inertial_valid=ca.logic_not(u.lost),
+            inertial_valid=came,
             clipped=ca.logic_or(limits[0], ca.logic_or(limits[1], limits[2])),
         ),
     )

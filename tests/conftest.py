@@ -4,6 +4,10 @@ import os
 from pathlib import Path
 from typing import Any
 
+# Read by NumPy's library when it is loaded. Each core has a worker of its own: further threads only
+# wait for each other, at the cost of the cores.
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+
 import pytest
 
 from fmu_src.pack import model_names

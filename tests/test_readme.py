@@ -12,6 +12,7 @@ from typer.testing import CliRunner
 
 from fmu_src.kit import Runner
 from fmu_src.pack import archive, native
+from fmu_src.pack.compiled import CACHE
 from fmu_src.pack.csource import sources
 from fmu_src.pack.description import content_guid
 from harness.cli import app
@@ -35,7 +36,7 @@ def test_the_model_on_the_page_becomes_a_valid_fmu(tmp_path, monkeypatch) -> Non
     settled = Runner(module.MODEL).run(5000, {"position": [1.0, 2.0, 3.0]})["slow"][-1]
     assert settled == pytest.approx([1.0, 2.0, 3.0])
     guid = content_guid(module.MODEL, sources(module.MODEL, ""))
-    files = native.files(module.MODEL, guid, [native.host()], tmp_path / "cache")
+    files = native.files(module.MODEL, guid, [native.host()], CACHE)
     archive.write(tmp_path / "LowPass.fmu", files)
     assert validate_fmu(str(tmp_path / "LowPass.fmu")) == []
 

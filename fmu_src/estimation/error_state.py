@@ -32,6 +32,7 @@ filter that has gone astray finds back. nu as given out is that before widening.
 """
 
 from collections.abc import Callable
+from functools import cache
 from typing import Any, NamedTuple
 
 import casadi as ca
@@ -43,6 +44,8 @@ from fmu_src.kit.records import Field, Record
 
 MEANS = 3
 """Rounds of the mean of rotations; errors of a radian are exact to rounding after three."""
+BLOCK = 8
+"""Columns of Cholesky's factor that are found at once."""
 SMALLEST = 1e-30
 """Pivot of Cholesky's factor, below which a direction has no variance."""
 
@@ -60,7 +63,7 @@ class Space:
 
     def __init__(self, record: type[Record], *rotations: str) -> None:
         self.record = record
-        self._parts: list[tuple[slice, slice, bool]] = []
+        self.parts: list[tuple[slice, slice, bool]] = []
         self.places: dict[str, slice] = {}
         at = error_at = 0
         for name, field in record.fields.items():
@@ -68,24 +71,40 @@ class Space:
             turns = name in rotations
             size = 3 if turns else field.size
             whole, part = slice(at, at + field.size), slice(error_at, error_at + size)
-            self._parts.append((whole, part, turns))
+            self.parts.append((whole, part, turns))
             self.places[name] = part
             at, error_at = whole.stop, part.stop
         self.size, self.error_size = at, error_at
 
     def moved(self, x: Any, e: Any) -> Any:
-        """x + e, (N,)."""
-        parts = []
-        for whole, part, turns in self._parts:
-            if turns:
-                turned = rotations.multiply(x[whole], rotations.from_rotation_vector(e[part]))
-                parts.append(rotations.normalize(turned))
-            else:
-                parts.append(x[whole] + e[part])
-        return ca.vertcat(*parts)
+        """State x + e moved by an error, (N,); likewise of the first fields alone.
+
+        Quaternions keep their length but for rounding, see `scaled`.
+        """
+        return ca.vertcat(
+            *(
+                rotations.multiply(x[whole], rotations.from_rotation_vector(e[part]))
+                if turns
+                else x[whole] + e[part]
+                for whole, part, turns in self._first(x)
+            )
+        )
+
+    def scaled(self, x: Any) -> Any:
+        """State with its quaternions of unit length, (N,); likewise of the first fields alone."""
+        return ca.vertcat(
+            *(
+                rotations.normalize(x[whole]) if turns else x[whole]
+                for whole, _, turns in self._first(x)
+            )
+        )
+
+    def _first(self, x: Any) -> list[tuple[slice, slice, bool]]:
+        """Parts of a state that may have the first fields alone."""
+        return [part for part in self.parts if part[0].start < x.shape[0]]
 
     def error(self, x: Any, y: Any) -> Any:
-        """y - x, (n,)."""
+        """Error y - x from one state to another, (n,); likewise of the first fields alone."""
         return ca.vertcat(
             *(
                 rotations.to_rotation_vector(
@@ -93,9 +112,31 @@ class Space:
                 )
                 if turns
                 else y[whole] - x[whole]
-                for whole, _, turns in self._parts
+                for whole, _, turns in self._first(x)
             )
         )
+
+    def error_after(self, point: Any, after: Any, near: Any, moved: Any, e: Any) -> Any:
+        """Error after a process, (n,), to the first order: for its Jacobian, short in C.
+
+        Args:
+            point: state before the process.
+            after: state after it.
+            near: point + e.
+            moved: what the process makes of that.
+            e: error before, (n,); still that of fields which the process leaves alone.
+        """
+        parts = []
+        for whole, part, turns in self.parts:
+            alone = ca.is_equal(after[whole], point[whole], 1)
+            if alone and ca.is_equal(moved[whole], near[whole], 1):
+                parts.append(e[part])
+            elif turns:
+                turned = rotations.multiply(rotations.conjugate(after[whole]), moved[whole])
+                parts.append(2 * turned[1:])
+            else:
+                parts.append(moved[whole] - after[whole])
+        return ca.vertcat(*parts)
 
     def diagonal(self, **values: Any) -> Any:
         """(n,) from a value, or one for each element, of some fields; zero for all others.
@@ -133,9 +174,11 @@ class Extended:
         space = self.space
         point, known, e = _symbols(space, u)
         after = process(space.record.unpack(point), known).pack()
-        moved = process(space.record.unpack(space.moved(point, e)), known).pack()
-        F = _slope(space.error(after, moved), e)
-        function = ca.Function("transition", [point, known], [after, F], {"cse": True})
+        near = space.moved(point, e)
+        moved = process(space.record.unpack(near), known).pack()
+        F = _slope(space.error_after(point, after, near, moved, e), e)
+        results = [space.scaled(after), F]
+        function = ca.Function("transition", [point, known], results, {"cse": True})
         x, slope = function(x, u)
         return x, _symmetric(slope @ P @ slope.T + Q)
 
@@ -199,23 +242,41 @@ class Unscented:
         return ca.horzcat(ca.DM.zeros(self.space.error_size), L, -L)
 
     def predict(self, process: Process, x: Any, u: Any, P: Any, Q: Any) -> tuple[Any, Any]:
-        """State and covariance after the process."""
+        """State and covariance after the process.
+
+        Points go through it for the part that it moves. Errors of the rest are only scaled, and so
+        are their covariances, exactly; put that part of a state last.
+        """
         space = self.space
         point, known, e = _symbols(space, u)
+        whole, part, scales = _moved_part(space, process, point, known, e)
         after = process(space.record.unpack(space.moved(point, e)), known).pack()
-        through = ca.Function("through", [point, known, e], [after], {"cse": True})
+        through = ca.Function("through", [point, known, e], [after[:whole]], {"cse": True})
         errors = self._errors(P)
-        points = _each(through, errors.shape[1], [0, 1])(x, u, errors)
+        count = errors.shape[1]
+        points = _each(through, count, [0, 1])(x, u, errors)
 
-        other = ca.SX.sym("other", space.size)
-        apart = ca.Function("apart", [point, other], [space.error(point, other)], {"cse": True})
-        apart = _each(apart, errors.shape[1], [0])
+        # Mean of the part that moves; the others' is where the process takes the state itself.
+        center, other = ca.SX.sym("center", whole), ca.SX.sym("other", whole)
+        error = space.error(center, other)
+        moved = space.scaled(space.moved(center, e[:part]))
+        apart = ca.Function("apart", [center, other], [error], {"cse": True})
+        apart = _each(apart, count, [0])
+        to = ca.Function("to", [center, e[:part]], [moved], {"cse": True})
         mean = points[:, 0]
         for _ in range(MEANS):
-            mean = _moved(space, mean, apart(mean, points) @ self.mean)
-        deviations = apart(mean, points)
-        weighted = deviations * ca.repmat(self.covariance.T, space.error_size, 1)
-        return mean, _symmetric(weighted @ deviations.T + Q)
+            mean = to(mean, apart(mean, points) @ self.mean)
+        weighted = apart(mean, points) * ca.repmat(self.covariance.T, part, 1)
+        alone = process(space.record.unpack(point), known).pack()[whole:]
+        rest = ca.Function("rest", [point, known], [alone, scales], {"cse": True})
+        rest_after, scale = rest(x, u)
+
+        spread = weighted @ apart(mean, points).T
+        if part < space.error_size:
+            across = weighted @ errors[part:, :].T * ca.repmat(scale.T, part, 1)
+            left = P[part:, part:] * (scale @ scale.T)
+            spread = ca.vertcat(ca.horzcat(spread, across), ca.horzcat(across.T, left))
+        return ca.vertcat(mean, rest_after), _symmetric(spread + Q)
 
     def correct(
         self, residual: Residual, x: Any, u: Any, P: Any, R: Any, gate: Any = np.inf
@@ -242,20 +303,36 @@ Filter = Extended | Unscented
 
 
 def root(P: Any) -> Any:
-    """Lower triangular L with L L^T = P, (n, n), by Cholesky's columns.
+    """Lower triangular L with L L^T = P, (n, n): Cholesky's, by blocks.
 
     A direction without variance gives a column of zeros, so P may be singular.
     """
-    n = P.shape[0]
-    left, columns = P, []
-    for j in range(n):
-        pivot = left[0, 0]
-        inverse = ca.if_else(pivot > SMALLEST, 1 / ca.sqrt(ca.fmax(pivot, SMALLEST)), 0)
-        column = left[:, 0] * inverse
-        columns.append(ca.vertcat(ca.DM.zeros(j), column) if j else column)
-        if j < n - 1:
-            left = left[1:, 1:] - column[1:] @ column[1:].T
+    n, left, columns = P.shape[0], P, []
+    for start in range(0, n, BLOCK):
+        size = min(BLOCK, n - start)
+        L, inverse = _small_root(size)(left[:size, :size])
+        below = left[size:, :size] @ inverse.T
+        columns.append(ca.vertcat(ca.DM.zeros(start, size), L, below))
+        left = left[size:, size:] - below @ below.T
     return ca.horzcat(*columns)
+
+
+@cache
+def _small_root(n: int) -> ca.Function:
+    """Cholesky's factor and its inverse, element by element; 0 where there is no variance."""
+    A = ca.SX.sym("A", n, n)
+    L, inverse = ca.SX.zeros(n, n), ca.SX.zeros(n, n)
+    for j in range(n):
+        pivot = A[j, j] - ca.sumsqr(L[j, :])
+        some = pivot > SMALLEST
+        over = ca.if_else(some, 1 / ca.sqrt(ca.if_else(some, pivot, 1)), 0)
+        L[j, j] = pivot * over
+        inverse[j, j] = over
+        for i in range(j + 1, n):
+            L[i, j] = (A[i, j] - ca.dot(L[i, :], L[j, :])) * over
+        for i in range(j):
+            inverse[j, i] = -over * ca.dot(L[j, i:j], inverse[i:j, i].T)
+    return ca.Function("small_root", [A], [L, inverse], {"cse": True})
 
 
 def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: Any) -> list[Any]:
@@ -296,6 +373,33 @@ def _symbols(space: Space, u: Any) -> tuple[Any, Any, Any]:
     )
 
 
+def _moved_part(
+    space: Space, process: Process, point: Any, known: Any, e: Any
+) -> tuple[int, int, Any]:
+    """What of a state the process moves by more than a factor: its first fields.
+
+    Returns:
+        Size of that part in the state and in the error, and the factors of the other errors.
+    """
+    x = space.record.unpack(space.moved(point, e))
+    after = process(x, known)
+    whole = part = 0
+    factors: list[Any] = []
+    for (name, place), (full, _, turns) in zip(space.places.items(), space.parts, strict=True):
+        size = place.stop - place.start
+        before, now = getattr(x, name), getattr(after, name)
+        if now is before:
+            factors.append(ca.DM.ones(size))
+            continue
+        slope = ca.jacobian(ca.vec(now), e)
+        own = ca.diag(slope[:, place.start : place.stop]) if not turns else None
+        if own is None or slope.nnz() > own.nnz() or ca.depends_on(own, e):
+            whole, part, factors = full.stop, place.stop, []
+        else:
+            factors.append(own)
+    return whole, part, ca.vertcat(*factors)
+
+
 def _slope(expression: Any, e: Any) -> Any:
     return ca.simplify(ca.substitute(ca.jacobian(expression, e), e, ca.DM.zeros(*e.shape)))
 
@@ -307,7 +411,8 @@ def _each(function: ca.Function, count: int, held: list[int]) -> ca.Function:
 
 def _moved(space: Space, x: Any, e: Any) -> Any:
     point, error = ca.SX.sym("x", space.size), ca.SX.sym("e", space.error_size)
-    return ca.Function("moved", [point, error], [space.moved(point, error)], {"cse": True})(x, e)
+    moved = space.scaled(space.moved(point, error))
+    return ca.Function("moved", [point, error], [moved], {"cse": True})(x, e)
 
 
 def _symmetric(P: Any) -> Any:

@@ -94,7 +94,7 @@ class StopsFit:
         columns = np.hstack(
             (
                 _smooth(volts / span, self.period, np.asarray(p["creep_time"])),
-                _stops(volts / span, np.asarray(p["thresholds"]) / span),
+                _stops(volts / span, _plays(volts / span, np.asarray(p["thresholds"]) / span)),
             )
         )
         steepness = float(p["lead"]) * loading[0] / self.period
@@ -182,9 +182,12 @@ def identify_stops(
 
     found: list[Candidate] = []
     choices = [(order, power) for order in orders for power in POWERS]
+    # All plays in one go over the recording; what belongs to a candidate is a part of them.
+    ends = np.cumsum([0, *(order for order, _ in choices)])
+    plays = _plays(a, np.concatenate([_thresholds(*choice) for choice in choices]))
     for done, (order, power) in enumerate(choices):
         progress(done, len(choices))
-        columns = np.hstack((smooth, _stops(a, _thresholds(order, power))))
+        columns = np.hstack((smooth, _stops(a, plays[:, ends[done] : ends[done + 1]])))
         squares = []
         for fitted, validated in (turns, turns[::-1]):
             weights, zero = _solve(
@@ -197,7 +200,7 @@ def identify_stops(
 
     best = _chosen(found)
     thresholds = _thresholds(best.order, best.power)
-    columns = np.hstack((smooth, _stops(a, thresholds)))
+    columns = np.hstack((smooth, _stops(a, _plays(a, thresholds))))
     weights, zero = _solve(columns[known], stroke[known], thresholds, without)
     left = stroke[known] - columns[known] @ weights - zero
     return StopsFit(
@@ -227,14 +230,19 @@ def _smooth(a: np.ndarray, period: float, times: np.ndarray) -> np.ndarray:
     return np.column_stack((a, a**2, a**3, a - before, *crept))
 
 
-def _stops(a: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
-    """Columns of the weights of the stops at the low and the high end, shape (N, 2 order)."""
+def _plays(a: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
+    """Outputs of plays, shape (N, thresholds)."""
     start = a[0] if abs(a[0]) >= RESTING else 0.0
     plays = np.empty((len(a), len(thresholds)))
     now = np.full(len(thresholds), start)
     for k, value in enumerate(a):
         now = np.maximum(value - thresholds, np.minimum(value + thresholds, now))
         plays[k] = now
+    return plays
+
+
+def _stops(a: np.ndarray, plays: np.ndarray) -> np.ndarray:
+    """Columns of the weights of the stops at the low and the high end, shape (N, 2 order)."""
     stops = a[:, None] - plays
     return np.hstack((-(1 - a[:, None]) * stops, -a[:, None] * stops))
 

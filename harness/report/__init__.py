@@ -8,6 +8,7 @@ from typing import Any
 
 from harness.display import shown
 from harness.metrics import motion_of
+from harness.report.consistency import consistency_plots
 from harness.report.figures import figures
 from harness.report.page import rendered, write_page
 from harness.result import Result
@@ -36,7 +37,12 @@ def _content(result: Result) -> dict[str, Any]:
     delays = tuple(facts["delays"].get(name, 0) for name in drive)
     ticks = len(result.time)
     drawn = (
-        figures(result.time, motion_of(result), result.role("stroke"), delays) if ticks > 1 else ()
+        [
+            *figures(result.time, motion_of(result), result.role("stroke"), delays),
+            *consistency_plots(result.consistency),
+        ]
+        if ticks > 1
+        else []
     )
     metrics = result.metrics
     recording = ", ".join(facts["motions"].values()) or "none"

@@ -4,12 +4,16 @@ from __future__ import annotations
 
 import json
 import os
+import select
+import signal
 import subprocess
 import sys
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from contextlib import suppress
 from pathlib import Path
+from types import TracebackType
 from typing import Any
 
 import fmpy
@@ -43,10 +47,11 @@ def run_probes(fmu: Fmu, checks: Sequence[Check], timeout: float) -> Iterator[Ou
             return
         path = Path(place) / "facts.json"
         path.write_text(json.dumps(facts), encoding="utf-8")
-        for number, check in enumerate(checks):
-            folder = Path(place) / f"{number}"
-            folder.mkdir()
-            yield _run(check, path, folder, timeout)
+        with _Forked(path) if hasattr(os, "fork") else _Fresh(path) as processes:
+            for number, check in enumerate(checks):
+                folder = Path(place) / f"{number}"
+                folder.mkdir()
+                yield _run(check, processes, folder, timeout)
 
 
 def _facts(fmu: Fmu, folder: Path) -> dict[str, Any]:
@@ -71,25 +76,92 @@ def _facts(fmu: Fmu, folder: Path) -> dict[str, Any]:
     }
 
 
-def _run(check: Check, facts: Path, folder: Path, timeout: float) -> Outcome:
-    path = os.pathsep.join([str(_PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
-    begun = time.monotonic()
-    with (folder / "stdout").open("wb") as out, (folder / "stderr").open("wb") as errors:
-        process = subprocess.Popen(
-            [sys.executable, "-m", "harness.validation.probes", check.id, facts, folder],
-            cwd=folder,
-            env={**os.environ, "PYTHONPATH": path},
-            stdin=subprocess.DEVNULL,
-            stdout=out,
-            stderr=errors,
+class _Fresh:
+    """Processes that are started for one probe each."""
+
+    def __init__(self, facts: Path) -> None:
+        path = os.pathsep.join([str(_PACKAGES), *filter(None, [os.environ.get("PYTHONPATH")])])
+        self._command = [sys.executable, "-m", "harness.validation.probes", str(facts)]
+        self._environment = {**os.environ, "PYTHONPATH": path}
+
+    def __enter__(self) -> _Fresh:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        pass
+
+    def run(self, check: str, folder: Path, timeout: float) -> int | None:
+        """How a process ended that carried out a check; None if it had to be ended."""
+        with (folder / "stdout").open("wb") as out, (folder / "stderr").open("wb") as errors:
+            process = subprocess.Popen(
+                [*self._command, check, folder],
+                cwd=folder,
+                env=self._environment,
+                stdin=subprocess.DEVNULL,
+                stdout=out,
+                stderr=errors,
+            )
+            try:
+                return process.wait(timeout)
+            except subprocess.TimeoutExpired:
+                return None
+            finally:
+                process.kill()
+                process.wait()
+
+
+class _Forked(_Fresh):
+    """The same, forked from one that has all it needs imported: a tenth of the time to start."""
+
+    def __enter__(self) -> _Forked:
+        self._server = subprocess.Popen(
+            self._command,
+            env=self._environment,
+            stdin=subprocess.PIPE,
+            stdout=subprocess.PIPE,
+            bufsize=0,  # what is read ahead, `select` does not see
         )
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self._server.kill()
+        self._server.communicate()
+
+    def run(self, check: str, folder: Path, timeout: float) -> int | None:
+        """How a process ended that carried out a check; None if it had to be ended."""
+        questions, answers = self._server.stdin, self._server.stdout
+        assert questions is not None
+        assert answers is not None
+        questions.write(f"{check} {folder}\n".encode())
+        process = int(answers.readline())
+        ended = False
         try:
-            code: int | None = process.wait(timeout)
-        except subprocess.TimeoutExpired:
-            code = None
+            ended = bool(select.select([answers], [], [], timeout)[0])
         finally:
-            process.kill()
-            process.wait()
+            if not ended:
+                with suppress(ProcessLookupError):
+                    os.kill(process, signal.SIGKILL)
+        code = answers.readline()
+        if not code:  # the probe has ended the one that it came from, too
+            self.__exit__(None, None, None)
+            self.__enter__()
+            return -signal.SIGKILL
+        return int(code) if ended else None
+
+
+def _run(check: Check, processes: _Fresh, folder: Path, timeout: float) -> Outcome:
+    begun = time.monotonic()
+    code = processes.run(check.id, folder, timeout)
     seconds = time.monotonic() - begun
     outcome = folder / "outcome.json"
     if code == 0 and outcome.exists():

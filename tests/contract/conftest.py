@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import ctypes
 from collections.abc import Callable, Iterator
+from functools import cache
 from pathlib import Path
 
 import fmpy
@@ -12,6 +13,7 @@ import pytest
 from fmpy import fmi2
 from fmpy.fmi2 import FMU2Slave
 from fmpy.logging import addLoggerProxy
+from fmpy.model_description import ModelDescription
 
 from fmu_src.pack import build, load_model
 from tests.conftest import by_model
@@ -24,8 +26,12 @@ class Instance:
     """An FMU in stepping mode, all variables as one vector in the order of value references."""
 
     def __init__(self, path: Path, folder: Path, name: str = "instance", **values: float) -> None:
-        self.description = fmpy.read_model_description(path, validate=False)
+        self.description = _description(path, path.stat().st_mtime_ns)
         self.variables = self.description.modelVariables
+        self._named = {variable.name: variable for variable in self.variables}
+        self._of_kind = {
+            kind: [i for i, v in enumerate(self.variables) if v.type == kind] for kind in KINDS
+        }
         self.messages: list[str] = []
         self.fmu = FMU2Slave(
             guid=self.description.guid,
@@ -60,9 +66,13 @@ class Instance:
         setter([variable.valueReference], [value if variable.type == "Real" else int(value)])
 
     def apply(self, inputs: dict[str, float]) -> None:
-        for variable in self.variables:
-            if variable.name in inputs:
-                self.set(variable, inputs[variable.name])
+        chosen = [(self._named[name], value) for name, value in inputs.items()]
+        for kind in KINDS:
+            of_kind = [(v.valueReference, value) for v, value in chosen if v.type == kind]
+            if of_kind:
+                references, values = zip(*of_kind, strict=True)
+                cast = float if kind == "Real" else int
+                getattr(self.fmu, "set" + kind)(list(references), list(map(cast, values)))
 
     def step(self, h: float | None = None) -> None:
         h = h or self.period
@@ -71,8 +81,7 @@ class Instance:
 
     def values(self) -> np.ndarray:
         result = np.empty(len(self.variables))
-        for kind in KINDS:
-            places = [i for i, v in enumerate(self.variables) if v.type == kind]
+        for kind, places in self._of_kind.items():
             references = [self.variables[i].valueReference for i in places]
             result[places] = getattr(self.fmu, "get" + kind)(references) if places else []
         return result
@@ -84,6 +93,12 @@ class Instance:
     def close(self) -> None:
         self.fmu.terminate()
         self.fmu.freeInstance()
+
+
+@cache
+def _description(path: Path, changed: int) -> ModelDescription:
+    """Read once: there is an instance for each case, and reading takes longer than most of them."""
+    return fmpy.read_model_description(path, validate=False)
 
 
 @pytest.fixture(scope="session", params=by_model())

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real
 from fmu_src.pack import archive, native
+from fmu_src.pack.compiled import CACHE
 from fmu_src.pack.csource import sources
 from fmu_src.pack.description import content_guid
 from harness.analyze import analysis as analysis_module
@@ -81,7 +82,7 @@ def body(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = Model("Frame", frame, Share, Recorded, NoState, Places, sample_period=STEP)
     guid = content_guid(model, sources(model, ""))
     path = folder / "Frame.fmu"
-    archive.write(path, native.files(model, guid, [native.host()], folder / "cache"))
+    archive.write(path, native.files(model, guid, [native.host()], CACHE))
     return path
 
 

@@ -4,7 +4,8 @@ import numpy as np
 import pytest
 from scipy import signal
 
-from fmu_src.kit import Runner, SteadytipError
+from fmu_src.kit import SteadytipError
+from fmu_src.pack.compiled import CompiledRunner
 from harness.identify.hand import filter_density, identify_hand
 from plants.hand import MODEL, Params
 
@@ -24,7 +25,7 @@ FITTED = (
 
 
 def generated(seconds, **parameters):
-    tip = Runner(MODEL, {"seed": 2, **parameters}).run(round(seconds * 1000))["tip"]
+    tip = CompiledRunner(MODEL, {"seed": 2, **parameters}).run(round(seconds * 1000))["tip"]
     return tip[::4]
 
 

@@ -32,6 +32,7 @@ def test_a_report_shows_everything_that_the_loop_has(closed_loop):
         "Voltages",
         "Hysteresis",
         "Attitude error",
+        "Consistency of &#39;estimator&#39;",
         "Figures of merit",
         "The run",
         "Parts",

@@ -7,6 +7,7 @@ from fmpy.fmi1 import FMICallException
 
 from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, real
 from fmu_src.pack import archive, native
+from fmu_src.pack.compiled import CACHE
 from tests.contract.conftest import Instance
 
 pytestmark = pytest.mark.xdist_group("failing_model")  # its tests share what takes long
@@ -49,7 +50,7 @@ MODEL = Model("Fragile", step, P, U, X, Y, 0.5, derived=D, derive=derive)
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fragile")
-    files = native.files(MODEL, GUID, [native.host()], folder / "cache")
+    files = native.files(MODEL, GUID, [native.host()], CACHE)
     archive.write(folder / "Fragile.fmu", files)
     fmpy.extract(str(folder / "Fragile.fmu"), str(folder / "unpacked"))
     return folder / "Fragile.fmu", folder / "unpacked"

@@ -14,13 +14,13 @@ import numpy as np
 import pytest
 
 from fmu_src.pack import build, model_names, native
+from fmu_src.pack.compiled import CACHE
 from harness.validation import verdict as _verdict  # noqa: F401 - registers the checks
 from harness.validation.checks import FILES
 from harness.validation.files import Fmu
 from tests.contract.conftest import Instance
 
 HOST = Path(__file__).with_name("host.c")
-ZIG_CACHE = Path("build/c").resolve()
 STEPS = 40
 MODELS = ["MicronEstimator", "TremorCanceller", "InertialSensors", "Hand"]
 MEBIBYTE = 2**20
@@ -142,7 +142,7 @@ def test_other_platforms_step_as_this_one(name, folder, everywhere, tmp_path) ->
     expected = write_case(everywhere[name], tmp_path, tmp_path / "case")
     libraries = [] if folder == "win64" else ["-ldl"]
     command = [sys.executable, "-m", "ziglang", "cc", "-target", triple, "-O1", str(HOST)]
-    cache = {f"ZIG_{scope}_CACHE_DIR": str(ZIG_CACHE) for scope in ("GLOBAL", "LOCAL")}
+    cache = {f"ZIG_{scope}_CACHE_DIR": str(CACHE.resolve()) for scope in ("GLOBAL", "LOCAL")}
     subprocess.run(
         [*command, "-o", host, *libraries], cwd=tmp_path, env={**os.environ, **cache}, check=True
     )

@@ -120,6 +120,16 @@ def test_magnet_brought_near_is_a_dipole():
     assert np.linalg.norm(inside) < 1e-7 / SOFT**3 + 1e-4
 
 
+def test_slow_unit_has_samples_of_its_own_rate_and_less_noise():
+    out = run(8000, {"sample_rate": 125.0, "gyro_noise": 0.01, "gyro_walk": 0.0})
+    fresh = out["inertial_valid"] > 0
+    assert fresh.sum() == 1000
+    np.testing.assert_array_equal(np.flatnonzero(fresh)[:3], [0, 8, 16])
+    assert (np.diff(out["rate"][:, 0])[~fresh[1:]] == 0).all()
+    spread = out["rate"][fresh].std(axis=0)
+    np.testing.assert_allclose(spread, 0.01 * np.sqrt(125 / 2), rtol=0.08)
+
+
 def test_lost_and_frozen_samples_are_held():
     samples = 60
     lost, frozen = np.zeros(samples), np.zeros(samples)

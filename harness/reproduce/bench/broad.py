@@ -31,7 +31,17 @@ from harness.errors import ProblemsError, SteadytipError
 from harness.parts import FloatArray
 from harness.record import reason
 
-__all__ = ["FOLDER", "SETTLING", "THINNED", "TRIALS", "Trial", "occluded", "read_trial", "since"]
+__all__ = [
+    "FOLDER",
+    "SETTLING",
+    "THINNED",
+    "TRIALS",
+    "Trial",
+    "northward",
+    "occluded",
+    "read_trial",
+    "since",
+]
 
 FOLDER = "broad"
 """Of the trials, below the data folder."""
@@ -174,8 +184,7 @@ def read_trial(path: Path) -> Trial:
     sensed = _held(sensed, inertial_valid, np.zeros(9))
     quaternion, place = arrays["opt_quat"], arrays["opt_pos"] @ _NORTH_FROM_EAST.T
     attitude_seen, position_seen = _finite(quaternion), _finite(place)
-    w, x, y, z = (quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True)).T
-    turned = _HALF * np.column_stack([w + z, x + y, y - x, z - w])
+    turned = northward(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
     return Trial(
         name=path.stem,
         period=1.0 / rate,
@@ -189,6 +198,12 @@ def read_trial(path: Path) -> Trial:
         position_seen=position_seen,
         movement=arrays["movement"][:, 0] != 0.0,
     )
+
+
+def northward(attitude: FloatArray) -> FloatArray:
+    """q_WB (n, 4), of attitudes (n, 4) in a world of east, north and up."""
+    w, x, y, z = attitude.T
+    return np.asarray(_HALF * np.column_stack([w + z, x + y, y - x, z - w]))
 
 
 def occluded(new: BoolArray, intervals: Sequence[tuple[int, int]]) -> BoolArray:

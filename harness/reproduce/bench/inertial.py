@@ -10,7 +10,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 
 from fmu_src.estimation import micron
-from fmu_src.kit import Runner, design
+from fmu_src.kit import design
+from fmu_src.pack.compiled import CompiledRunner
 from harness.parts.recording import Recording
 from harness.reproduce.bench.tremor import RATE, Motion
 from plants import hand, inertial_sensors, instrument
@@ -57,7 +58,7 @@ def sensed(recording: Recording, noise: float = 1.0, seed: int = 1) -> Sensed:
         "recorded_velocity": through(time, 1),
         "recorded_acceleration": through(time, 2),
     }
-    return _felt(Runner(hand.MODEL, {"seed": seed}).run(len(time), inputs), noise, seed)
+    return _felt(CompiledRunner(hand.MODEL, {"seed": seed}).run(len(time), inputs), noise, seed)
 
 
 def generated(seconds: float, noise: float = 1.0, seed: int = 1) -> Sensed:
@@ -68,17 +69,21 @@ def generated(seconds: float, noise: float = 1.0, seed: int = 1) -> Sensed:
         noise: of the accelerometers, over that of their data sheet.
         seed: of hand and noise.
     """
-    return _felt(Runner(hand.MODEL, {"seed": seed}).run(round(seconds * RATE) + 1), noise, seed)
+    return _felt(
+        CompiledRunner(hand.MODEL, {"seed": seed}).run(round(seconds * RATE) + 1), noise, seed
+    )
 
 
 def _felt(moved: dict[str, np.ndarray], noise: float, seed: int) -> Sensed:
     samples = len(moved["tip"])
     density = noise * design.ACCELEROMETER_NOISE
-    forces = Runner(instrument.MODEL).run(samples, {name: moved[name] for name in MOTIONS})
-    volts = Runner(inertial_sensors.MODEL, {"seed": seed, "accelerometer_noise": density}).run(
-        samples, {name: forces[name] for name in FELT}
-    )["volts"]
-    known = Runner(micron.MODEL, {"accelerometer.density": density}).run(samples, {"volts": volts})
+    forces = CompiledRunner(instrument.MODEL).run(samples, {name: moved[name] for name in MOTIONS})
+    volts = CompiledRunner(
+        inertial_sensors.MODEL, {"seed": seed, "accelerometer_noise": density}
+    ).run(samples, {name: forces[name] for name in FELT})["volts"]
+    known = CompiledRunner(micron.MODEL, {"accelerometer.density": density}).run(
+        samples, {"volts": volts}
+    )
     position = forces["free_tip"] - forces["free_tip"][0]
     time = np.arange(samples) / RATE
     return Sensed(

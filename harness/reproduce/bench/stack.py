@@ -9,7 +9,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.kit import Runner
+from fmu_src.pack.compiled import CompiledRunner
 from fmu_src.piezo import prandtl_ishlinskii
 from fmu_src.piezo.prandtl_ishlinskii import DEAD_ZONES, NOMINAL, PLAYS
 from plants import displacement_sensor, piezo_stack
@@ -40,13 +40,13 @@ def respond(volts: np.ndarray, rate: float = RATE, parameters: Stack | None = No
     """
     substeps = round(FINE_RATE / rate)
     held = {"volts": np.append(np.repeat(volts, substeps), volts[-1])}
-    run = Runner(piezo_stack.MODEL, parameters).run(substeps * len(volts) + 1, held)
+    run = CompiledRunner(piezo_stack.MODEL, parameters).run(substeps * len(volts) + 1, held)
     return run["stroke"][substeps::substeps]
 
 
 def read(stroke: np.ndarray, seed: int) -> np.ndarray:
     """The stroke as the displacement sensor reads it, (n,) [m]."""
-    sensor = Runner(displacement_sensor.MODEL, {"seed": seed})
+    sensor = CompiledRunner(displacement_sensor.MODEL, {"seed": seed})
     return sensor.run(len(stroke), {"stroke": stroke})["measured"]
 
 
@@ -107,5 +107,5 @@ def operator(
 
 def run_operator(parameters: Mapping[str, Any], volts: np.ndarray) -> np.ndarray:
     """Stroke of a modified Prandtl-Ishlinskii operator at rest before, (n,) [m]."""
-    model = Runner(prandtl_ishlinskii.MODEL, parameters)
+    model = CompiledRunner(prandtl_ishlinskii.MODEL, parameters)
     return model.run(len(volts), {"volts": volts})["stroke"]

@@ -19,7 +19,8 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from fmu_src.kit import Model, Runner, design
+from fmu_src.kit import Model, design
+from fmu_src.pack.compiled import CompiledRunner
 from fmu_src.piezo import (
     inverse_modulated_stops,
     inverse_prandtl_ishlinskii,
@@ -144,7 +145,7 @@ class Tracker:
     def demand(self, shape: np.ndarray) -> np.ndarray:
         """Exercise, and a shape of TRAVEL peak to peak in the middle of the reach, (n,) [m]."""
         volts = np.tile(np.concatenate((np.linspace(0, 1, 500), np.linspace(1, 0, 500))), 2)
-        stroke = Runner(self.forward, dict(self.parameters)).run(
+        stroke = CompiledRunner(self.forward, dict(self.parameters)).run(
             2000, {"volts": design.STACK_VOLTS * volts}
         )["stroke"]
         low, high = stroke[1000:].min(), stroke[1000:].max()
@@ -158,7 +159,7 @@ class Tracker:
     def volts(self, demand: np.ndarray) -> np.ndarray:
         """Voltages for a demand, each from what has been demanded until then, (n,) [V]."""
         named = {f"{self.record}.{name}": value for name, value in self.parameters.items()}
-        inverse = Runner(self.inverse, {**named, "horizon": 1 / RATE})
+        inverse = CompiledRunner(self.inverse, {**named, "horizon": 1 / RATE})
         return inverse.run(len(demand), {"stroke": demand})["volts"]
 
     def adapted_volts(self, demand: np.ndarray, seed: int, time: float, stack: Stack) -> np.ndarray:
@@ -171,9 +172,11 @@ class Tracker:
             stack: parameters of the stack that differ from those of the identified one.
         """
         named = {f"{self.record}.{name}": value for name, value in self.parameters.items()}
-        inverse = Runner(self.inverse, {**named, "horizon": 1 / RATE, "adaptation_time": time})
-        plant = Runner(piezo_stack.MODEL, stack)
-        sensor = Runner(displacement_sensor.MODEL, {"seed": seed})
+        inverse = CompiledRunner(
+            self.inverse, {**named, "horizon": 1 / RATE, "adaptation_time": time}
+        )
+        plant = CompiledRunner(piezo_stack.MODEL, stack)
+        sensor = CompiledRunner(displacement_sensor.MODEL, {"seed": seed})
         substeps = round(FINE_RATE / RATE)
         volts, stroke = np.empty(len(demand)), 0.0
         for k, wanted in enumerate(demand):

@@ -35,9 +35,10 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from fmu_src.kit import Model, Runner
+from fmu_src.kit import Model
 from fmu_src.kit.records import Field, Record
 from fmu_src.pack.build import load_model, model_names
+from fmu_src.pack.compiled import CompiledRunner
 from harness.parts.recording import read_recording
 from plants import hand
 
@@ -143,7 +144,7 @@ class Filter:
         inputs = {"position": motion.at(instants)}
         if "valid" in self.model.inputs.fields:
             inputs["valid"] = np.ones(len(instants))
-        runner = Runner(self.model, dict.fromkeys(self.horizons, delay))
+        runner = CompiledRunner(self.model, dict.fromkeys(self.horizons, delay))
         found = runner.run(len(instants), inputs)["tremor"]
         latest = np.floor((motion.time - delay) / period + _SLACK).astype(int)
         return np.where(latest[:, None] < 0, 0.0, found[np.maximum(latest, 0)])
@@ -194,7 +195,7 @@ def generated(seed: int = 1) -> Motion:
     """
     period = hand.MODEL.sample_period
     samples = round(GENERATED_SECONDS / period) + 1
-    tip = Runner(hand.MODEL, {"seed": seed}).run(samples)["tip"]
+    tip = CompiledRunner(hand.MODEL, {"seed": seed}).run(samples)["tip"]
     return through("generator", period * np.arange(samples), tip - tip[0])
 
 

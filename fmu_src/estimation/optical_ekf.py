@@ -1,0 +1,258 @@
+"""Attitude, rate and gyro bias from an optical tracker and a gyro, by an extended filter (C23 2.1).
+
+    q' = q (x) exp(w T / 2),  w' = w + T a,  b' = b + T a_b        constant rate (C23 11, 14)
+    w_m = w + b + v_w                                              gyro, every fresh sample (C23 15)
+    q_m = q_then (x) exp(v_q / 2)                                  tracker, when it has one (C23 15)
+
+| symbol | meaning |
+| --- | --- |
+| q | attitude q_WB |
+| w, b | body rate and bias of the gyro, B [rad/s] |
+| a, a_b | angular acceleration and bias rate: white noise |
+| w_m, q_m | from the gyro and the tracker |
+| q_then | attitude when the tracker exposed, by the turns since |
+| v_w, v_q | noise of a sample |
+
+C23's ten states have nine degrees of freedom: the error of q is a rotation vector in B, so the
+covariance is not singular. The gyro gives the body rate, so the turn is on the right of q (the
+paper has it on the left). C23 holds both measurements during an occlusion (zero-order hold, 3.2);
+here nothing is measured then, and the filter turns on with the gyro's rate, less the bias.
+
+In C23's experiment the gyro has a sample every second one of the tracker's 16 ms intervals, and the
+filter runs at the slower of both; here each is taken when it comes, at any rates. A gyro that is
+lost, frozen or clipped is not taken: the rate stays, and its uncertainty grows with a.
+"""
+
+from typing import Any
+
+import casadi as ca
+
+from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation.error_state import Extended, Space, chosen
+from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real, rotations
+
+
+class Nominal(State):
+    """C23 eq. 12."""
+
+    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    rate = real("rad/s", "w in B", shape=3)
+    rate_bias = real("rad/s", "b in B", shape=3)
+
+
+SPACE = Space(Nominal, "attitude")
+FILTER = Extended(SPACE)
+
+
+class Params(Parameters):
+    """Noise, faults and limits."""
+
+    limits: Any = sources.Limits
+    angular_acceleration = real(
+        "rad/s2/Hz0.5",
+        "one-sided density of a, what the hand or robot does to a constant rate",
+        start=3.0,
+        min=1e-6,
+        max=1e4,
+    )
+    rate_noise = real(
+        "rad/s/Hz0.5", "one-sided density of the gyro's noise", start=2e-4, min=1e-8, max=1.0
+    )
+    rate_interval = real(
+        "s", "time between fresh samples of the gyro", start=1e-3, min=1e-3, max=1.0
+    )
+    bias_walk = real("rad/s1.5", "density of a_b", start=1e-5, min=0.0, max=1.0)
+    optical_sigma = real(
+        "rad",
+        "v_q of an axis, also what the gyro's age is unsure by",
+        start=2e-3,
+        min=1e-6,
+        max=1.0,
+    )
+    bias_sigma = real("rad/s", "of b at the start", start=0.02, min=0.0, max=1.0)
+    rate_sigma = real("rad/s", "of w at the start", start=1.0, min=1e-6, max=100.0)
+    gate = real(
+        None,
+        "normalised innovation squared for each degree of freedom, beyond which an attitude counts"
+        " less",
+        start=9.0,
+        min=1.0,
+        max=1e6,
+    )
+    astray = real(
+        "s",
+        "for which every attitude is beyond the gate, after which the filter starts anew",
+        start=1.0,
+        min=0.01,
+        max=1e3,
+    )
+    attitude_limit = real(
+        "rad",
+        "standard deviation beyond which the attitude is not valid",
+        start=0.02,
+        min=1e-6,
+        max=4.0,
+    )
+    occlusion_limit = real(
+        "s",
+        "without an attitude, after which the line of sight counts as lost",
+        start=0.1,
+        min=1e-3,
+        max=100.0,
+    )
+
+
+class In(Inputs):
+    """Samples of both."""
+
+    rate = real("rad/s", "gyro, B", shape=3, axes="xyz", min=-1e3, max=1e3)
+    inertial_valid = boolean(
+        "the rate is fresh: false between the samples of a slow gyro and where one is lost",
+        start=True,
+    )
+    optical_attitude = real(
+        None, "attitude of B in W", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2.0, max=2.0
+    )
+    optical_new = boolean("an attitude arrives at this instant")
+    optical_age = real("s", "its age on arrival", start=0.016, min=0.0, max=10.0)
+
+
+class X(State):
+    """Filter, and what is kept of the samples."""
+
+    nominal: Any = Nominal
+    P = real(None, "covariance of the error", shape=(9, 9), listed=False)
+    started = boolean("an attitude has come")
+    unit: Any = sources.Unit
+    tracked: Any = sources.Tracked
+
+
+class Out(Outputs):
+    """Attitude and rate, and how far to believe them."""
+
+    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
+    body_rate = real("rad/s", "body rate w in B", shape=3, axes="xyz")
+    rate_bias = real("rad/s", "bias of the gyro in B", shape=3, axes="xyz")
+    valid = boolean("attitude and rate may be used")
+    inertial_lost = boolean("the gyro is missing, frozen or clipped")
+    optical_lost = boolean("the line of sight is lost")
+    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
+    body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
+    rate_bias_sigma = real("rad/s", "standard deviation of b in B", shape=3, axes="xyz", min=0.0)
+    innovation_squared = real(
+        None, "normalised innovation squared of this sample's corrections", min=0.0
+    )
+    innovation_size = real(None, "its degrees of freedom, 0 without a correction", min=0.0)
+
+
+def process(x: Any, u: Any) -> Nominal:
+    """State a time u later (C23 11, 14)."""
+    turned = rotations.multiply(x.attitude, rotations.from_rotation_vector(x.rate * u))
+    return x.replace(attitude=turned)
+
+
+def gyro_residual(x: Any, u: Any) -> Any:
+    """Rate of the gyro u minus the predicted one, (3,) (C23 15)."""
+    return u - x.rate - x.rate_bias
+
+
+def then(x: Any, turn: Any) -> Any:
+    """Attitude before a turn, (4,)."""
+    return rotations.multiply(x.attitude, rotations.conjugate(turn))
+
+
+def optical_residual(x: Any, u: Any) -> Any:
+    """Attitude measured against that predicted for then, (3,).
+
+    Args:
+        x: nominal state.
+        u: as `attitude_sources.measured` gives it.
+    """
+    return sources.attitude_residual(then(x, u[7:]), u[:7])
+
+
+def process_noise(p: Params, T: float) -> Any:
+    """What white angular acceleration and bias rate add in a sample, (9, 9)."""
+    s = p.angular_acceleration**2 / 2
+    eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
+    return ca.vertcat(
+        ca.horzcat(s * T**3 / 3 * eye, s * T**2 / 2 * eye, none),
+        ca.horzcat(s * T**2 / 2 * eye, s * T * eye, none),
+        ca.horzcat(none, none, p.bias_walk**2 * T * eye),
+    )
+
+
+def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
+    """One sample."""
+    still = ca.DM.zeros(3, 1)  # no accelerometer: a force at rest is no fault
+    sample = sources.inertial(x.unit, u.rate, still, u.inertial_valid, p.limits, T)
+    usable = ca.logic_and(sample.fresh, ca.logic_not(sample.lost))
+
+    before = x.nominal.pack()
+    nominal, P = FILTER.predict(process, before, ca.MX(T), x.P, process_noise(p, T))
+
+    def by_gyro(nominal: Any, P: Any, w: Any, R: Any) -> tuple[Any, ...]:
+        found = FILTER.correct(gyro_residual, nominal, w, P, R)
+        return found.x, found.P, found.squared
+
+    R_w = p.rate_noise**2 / (2 * p.rate_interval) * ca.DM.eye(3)
+    counted = ca.logic_and(usable, x.started)
+    nominal, P, squared = chosen(counted, by_gyro, nominal, P, sample.sensed[:3], R_w)
+
+    # Before there is an attitude the gyro alone tells the turns.
+    w = ca.if_else(x.started, Nominal.unpack(nominal).rate, sample.sensed[:3])
+    past = sources.moved(x.tracked.past, w * T)
+    arrival = sources.arrival(x.tracked, past, u.optical_attitude, u.optical_new, u.optical_age, T)
+
+    def by_tracker(nominal: Any, P: Any, z: Any, past: Any, age: Any, R: Any, gate: Any) -> Any:
+        turn = sources.since(past, age, T)
+        known = sources.measured("then", _then, nominal, turn, z)
+        found = FILTER.correct(optical_residual, nominal, known, P, R, gate)
+        return found.x, found.P, found.squared
+
+    # At the first attitude the gyro tells the rate; what of it is bias shows later.
+    begins = ca.logic_or(ca.logic_not(x.started), x.tracked.doubted > p.astray)
+    first = ca.logic_and(arrival.taken, begins)
+    nominal = ca.if_else(
+        first, ca.vertcat(arrival.attitude, ca.if_else(usable, u.rate, 0), still), nominal
+    )
+    begun = ca.diag(SPACE.diagonal(attitude=1.0, rate=p.rate_sigma**2, rate_bias=p.bias_sigma**2))
+    P = ca.if_else(first, begun, P)
+    R_q = p.optical_sigma**2 * ca.DM.eye(3)
+    nominal, P, optical_squared = chosen(
+        arrival.taken, by_tracker, nominal, P, arrival.attitude, past, u.optical_age, R_q, p.gate
+    )
+    started = ca.logic_or(x.started, first)
+    beyond = optical_squared > 3 * p.gate
+    doubted = sources.doubted(x.tracked, arrival.taken, beyond, T)
+    tracked = arrival.tracked.replace(doubted=doubted)
+    # Until an attitude has come there is nothing to predict.
+    state = Nominal.unpack(ca.if_else(started, nominal, before))
+    P = ca.if_else(started, P, x.P)
+
+    sigma = ca.sqrt(ca.fmax(ca.diag(P), 0) + sources.NOTHING)
+    well_known = ca.mmax(sigma[:3]) < p.attitude_limit
+    measured = ca.logic_and(arrival.taken, ca.logic_not(first))
+    return (
+        X(nominal=state, P=P, started=started, unit=sample.unit, tracked=tracked),
+        Out(
+            attitude=rotations.canonical(state.attitude),
+            body_rate=state.rate,
+            rate_bias=state.rate_bias,
+            valid=ca.logic_and(started, well_known),
+            inertial_lost=sample.lost,
+            optical_lost=arrival.tracked.quiet > p.occlusion_limit,
+            attitude_sigma=sigma[:3],
+            body_rate_sigma=sigma[3:6],
+            rate_bias_sigma=sigma[6:],
+            innovation_squared=ca.fmax(squared + measured * optical_squared, 0),
+            innovation_size=3 * counted + 3 * measured,
+        ),
+    )
+
+
+def _then(x: Any, turn: Any) -> Any:
+    return then(Nominal.unpack(x), turn)
+
+
+MODEL = Model("OpticalGyroEkf", step, Params, In, X, Out, sample_period=1e-3, matrix=True)
