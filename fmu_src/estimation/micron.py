@@ -334,10 +334,8 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     # Nearly at rest, a start without a vertical was a wrong one.
     young = x.age < p.settling
     lost = x.off_vertical > ca.if_else(young, gates.start_patience, gates.tilt_patience)
-    again = ca.logic_and(
-        lost,
-        ca.logic_and(complete, plausibility.as_it_was(strength, dip_measured, gates, x.field)),
-    )
+    familiar = plausibility.as_it_was(strength, dip_measured, gates, x.field)
+    again = ca.logic_and(ca.logic_and(lost, complete), ca.logic_or(young, familiar))
     agrees = ca.sumsqr(attitude_filter.innovation(x.q, z)) < AGREEMENT**2
     going = ca.logic_and(
         ca.logic_and(x.started, ca.logic_or(x.confirmed, agrees)), ca.logic_not(again)
@@ -432,7 +430,17 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     )
     believed = ca.logic_and(as_it_was, north.squared <= gates.sigma**2)
     field_state = plausibility.follow_field(
-        strength, dip, heard_field, dead_field, believed, anew, x.age, gates, x.field, T
+        strength,
+        dip,
+        dip_measured,
+        heard_field,
+        dead_field,
+        believed,
+        anew,
+        x.age,
+        gates,
+        x.field,
+        T,
     )
 
     # At rest there is no rate, and a hand that is not seen does not turn on and on. What lasts for

@@ -188,6 +188,7 @@ class Field(State):
     other_strength = real("T", "slow mean of B")
     other_dip = real("rad", "slow mean of d")
     other_for = real("s", "time that a field which is not believed has kept steady")
+    fits_for = real("s", "time that it has been right in strength and dip")
     doubt = real("s", "time for which the field is still not believed")
 
 
@@ -256,8 +257,12 @@ def as_it_was(strength: Any, dip: Any, gates: Any, x: Any) -> Any:
 
 
 def accepted(gates: Any, x: Any) -> Any:
-    """Whether a field that differs has kept steady for so long that it is the undisturbed one."""
-    return x.other_for > gates.field_patience
+    """Whether a field that is not believed has kept steady for so long that it must be.
+
+    One that fits in strength and dip shows the filter's north to be wrong rather than itself, and
+    is taken sooner.
+    """
+    return ca.logic_or(x.other_for > gates.field_patience, x.fits_for > gates.tilt_patience)
 
 
 def caught(heard: Any, dead: Any, believed: Any, x: Any) -> Any:
@@ -269,6 +274,7 @@ def caught(heard: Any, dead: Any, believed: Any, x: Any) -> Any:
 def follow_field(
     strength: Any,
     dip: Any,
+    dip_felt: Any,
     heard: Any,
     dead: Any,
     believed: Any,
@@ -282,7 +288,8 @@ def follow_field(
 
     Args:
         strength: [T].
-        dip: [rad].
+        dip: by the filter's vertical [rad].
+        dip_felt: by the specific force, which does not hang on the filter [rad].
         heard: whether the magnetometers gave a sample.
         dead: whether one of them is frozen or clipped.
         believed: whether the sample was as it should be.
@@ -294,17 +301,25 @@ def follow_field(
     """
     # A plain mean at first, then a slow one.
     share = ca.fmax(T / (age + T), T / FIELD_MEMORY) * believed
-    new = ca.logic_or(anew, accepted(gates, x))
-    steady = _near(strength, dip, x.other_strength, x.other_dip, gates.field / 2, gates.dip / 2)
+    followed_strength = x.strength + share * (strength - x.strength)
+    followed_dip = x.dip + share * (dip - x.dip)
+    familiar = accepted(gates, x)
+    new = ca.logic_or(anew, familiar)
+    steady = _near(strength, dip_felt, x.other_strength, x.other_dip, gates.field, gates.dip)
     doubted = ca.logic_and(heard, ca.logic_not(believed))
-    waiting = ca.logic_and(doubted, ca.logic_and(steady, ca.logic_not(new)))
+    unknown = ca.logic_and(doubted, ca.logic_not(new))
+    waiting = ca.logic_and(unknown, steady)
+    fitting = ca.logic_and(unknown, as_it_was(strength, dip, gates, x))
     other = ca.if_else(anew, 1, T / OTHER_MEMORY * heard)
     return Field(
-        strength=ca.if_else(new, strength, x.strength + share * (strength - x.strength)),
-        dip=ca.if_else(new, dip, x.dip + share * (dip - x.dip)),
+        strength=ca.if_else(
+            anew, strength, ca.if_else(familiar, x.other_strength, followed_strength)
+        ),
+        dip=ca.if_else(anew, dip_felt, ca.if_else(familiar, x.other_dip, followed_dip)),
         other_strength=x.other_strength + other * (strength - x.other_strength),
-        other_dip=x.other_dip + other * (dip - x.other_dip),
+        other_dip=x.other_dip + other * (dip_felt - x.other_dip),
         other_for=ca.if_else(waiting, x.other_for + T, ca.if_else(heard, 0, x.other_for)),
+        fits_for=ca.if_else(fitting, x.fits_for + T, ca.if_else(heard, 0, x.fits_for)),
         doubt=ca.if_else(
             new,
             0,
