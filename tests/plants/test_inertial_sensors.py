@@ -13,7 +13,8 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner, design
+from fmu_src.kit import design
+from fmu_src.pack.compiled import CompiledRunner
 from plants.inertial_sensors import CHANNELS, MODEL, Params
 
 T = 1e-3
@@ -34,7 +35,7 @@ MG = 1e-3 * design.STANDARD_GRAVITY
 
 
 def run(samples, parameters, **inputs):
-    return Runner(MODEL, parameters).run(samples, inputs)
+    return CompiledRunner(MODEL, parameters).run(samples, inputs)
 
 
 def at_rest(samples, parameters):
