@@ -18,15 +18,22 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.kit import Model
+from fmu_src.pack.build import load_model
 from fmu_src.pack.compiled import CompiledRunner
 from harness.errors import SteadytipError
 from harness.parts import FloatArray
-from harness.reproduce.bench.broad import Trial, northward
+from harness.reproduce.bench.broad import THINNED, Trial, northward
 
 __all__ = ["KINDS", "Errors", "Estimator", "errors", "estimators", "of_model", "vqf"]
 
 KINDS = ("total", "inclination", "heading")
+GRAVITY = 9.813
+"""Of Berlin [m/s2]."""
+FIELD, DIP = 43.8e-6, np.radians(69.1)
+"""Of the laboratory, as the unit has it at rest at the beginning of trial 02 [T, rad]."""
+INTERVAL = 3.5e-3
+"""Between samples of the unit [s]."""
+_LIMITS = {"limits.rate_range": 34.9, "limits.force_range": 157.0}
 
 
 @dataclass(frozen=True)
@@ -80,7 +87,26 @@ def estimators() -> list[Estimator]:
     Raises:
         SteadytipError: VQF is not installed.
     """
-    return [vqf()]
+    ours = {
+        "EmInertialEkf": (
+            "hybrid filter (RK) without EM",
+            "rate, force, field",
+            Trial.inertial,
+            {
+                **_LIMITS,
+                "inertial.gravity": GRAVITY,
+                "magnetic.strength": FIELD,
+                "magnetic.inclination": DIP,
+            },
+        ),
+        "OpticalGyroEkf": (
+            "optical filter (C23)",
+            f"rate, and an optical attitude at each {THINNED}th sample",
+            lambda trial: {**trial.inertial(), **trial.optical(trial.thinned())},
+            {**_LIMITS, "rate_interval": INTERVAL},
+        ),
+    }
+    return [vqf(), *(of_model(model, *how) for model, how in ours.items())]
 
 
 def vqf() -> Estimator:
@@ -104,24 +130,24 @@ def vqf() -> Estimator:
 
 
 def of_model(
+    model: str,
     name: str,
     sees: str,
-    model: Model,
     inputs: Callable[[Trial], Mapping[str, FloatArray]],
     parameters: Mapping[str, Any] | None = None,
 ) -> Estimator:
     """A model of this software, at the sample period of the trial.
 
     Args:
+        model: its name; it has the output field `attitude`.
         name: for people.
         sees: what it is given, in words.
-        model: with the output field `attitude`.
         inputs: of a trial, as `Runner.run` takes them; those it has no field for are left out.
         parameters: other than the declared starts.
     """
 
     def attitude(trial: Trial) -> FloatArray:
-        runner = CompiledRunner(replace(model, sample_period=trial.period), parameters)
+        runner = CompiledRunner(replace(load_model(model), sample_period=trial.period), parameters)
         known = runner.model.inputs.fields
         given = {field: values for field, values in inputs(trial).items() if field in known}
         return runner.run(len(trial), given)["attitude"]
