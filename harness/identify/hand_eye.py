@@ -402,7 +402,7 @@ def table_of(found: HandEye) -> Shown:
 
 
 def write_set(path: Path, found: HandEye) -> Path:
-    """Write hand-eye rotation and registration as a parameter set for `EmInertialEkf`.
+    """Write hand-eye rotation, registration and lag as a parameter set for `EmInertialEkf`.
 
     Raises:
         ProblemsError: values that the model would refuse.
@@ -410,6 +410,7 @@ def write_set(path: Path, found: HandEye) -> Path:
     """
     rms = {
         "tracker.mounting_sigma": float(np.sqrt(np.mean(found.mounting_sigma**2))),
+        "tracker.lag": found.lag,
     }
     vectors = {"tracker.mounting": found.mounting.as_rotvec()}
     if found.registration is not None and found.registration_sigma is not None:

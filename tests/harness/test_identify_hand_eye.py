@@ -104,6 +104,7 @@ def test_command_writes_a_set_for_the_filter(monkeypatch, capsys, tmp_path, reco
     vector = [values[f"tracker.mounting[{i}]"] for i in (1, 2, 3)]
     assert np.degrees((Rotation.from_rotvec(vector).inv() * HAND).magnitude()) < 0.1
     assert 0 < values["tracker.mounting_sigma"] < 1e-3
+    assert values["tracker.lag"] == pytest.approx(LAG * T, abs=5e-4)
     assert "tracker.registration[3]" in values
     assert out.with_suffix(".html").is_file()
 
