@@ -10,10 +10,10 @@
 | q | attitude q_WB |
 | tau | lag of the sensors' output filter, 15.2 Hz [s] |
 
-At each sample: volts to f and n_B by scale and zero; alpha from differences of f; w = w_I + tau
-alpha - b, where tau alpha puts the lag right that w_I has from the sensors; attitude and bias by
-the augmented-state filter with TRIAD as its measurement; the tip's specific force from all
-channels, gravity removed, integrated twice with a wash-out.
+At each sample: volts to f and n_B by the measurement model (`compensation`); alpha from
+differences of f; w = w_I + tau alpha - b, where tau alpha puts the lag right that w_I has from the
+sensors; attitude and bias by the augmented-state filter with TRIAD as its measurement; the tip's
+specific force from all channels, gravity removed, integrated twice with a wash-out.
 
 Process noise is found by the unscented transformation of the channel noise, and of the roll that
 the prior suppresses, through alpha (A04 4.4.3.3): one sample adds T alpha to w_I, hence to the
@@ -30,9 +30,8 @@ shows: specific force near gravity, a field that is not vertical.
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
-from fmu_src.estimation import attitude_filter, tip_motion, triad
+from fmu_src.estimation import attitude_filter, compensation, tip_motion, triad
 from fmu_src.kit import (
     Derived,
     Inputs,
@@ -49,49 +48,13 @@ from fmu_src.kit import (
 from fmu_src.kit import sensing_kinematics as kinematics
 
 
-class Accelerometer(Parameters):
-    """Compensation and noise of the six channels a1x, a1z, a2y, a2z, a3x, a3y."""
-
-    scale = real(
-        "V.s2/m",
-        "output for 1 m/s2",
-        start=design.ACCELEROMETER_SCALE,
-        shape=6,
-        min=1e-3,
-        max=10.0,
-    )
-    zero = real(
-        "V", "output at rest across gravity", start=design.ZERO_VOLTS, shape=6, min=0, max=5
-    )
-    density: Any = kinematics.DENSITY
-    lag: Any = kinematics.LAG
-
-
-class Magnetometer(Parameters):
-    """Compensation and noise of the channels mx, my, mz."""
-
-    scale = real(
-        "V/T", "output for 1 T", start=design.MAGNETOMETER_SCALE, shape=3, min=1.0, max=1e6
-    )
-    zero = real("V", "output without a field", start=design.ZERO_VOLTS, shape=3, min=0, max=5)
-    sigma = real(
-        "T", "noise of one sample", start=design.MAGNETOMETER_RESOLUTION, min=1e-12, max=1e-3
-    )
-    residue = real(
-        "T",
-        "what calibration leaves and iron nearby adds; 0.1 deg of the earth's field",
-        start=design.MAGNETIC_FIELD * np.radians(0.1),
-        min=0.0,
-        max=1e-3,
-    )
-
-
 class Params(Parameters):
     """Everything that is known beforehand."""
 
     geometry: Any = kinematics.Layout
-    accelerometer = Accelerometer
-    magnetometer = Magnetometer
+    accelerometer = compensation.Accelerometer
+    magnetometer = compensation.Magnetometer
+    thermometer = compensation.Thermometer
     gravity = real("m/s2", "gravity at the site", start=design.SITE_GRAVITY, min=1.0, max=20.0)
     method = integer("alpha by: 0 linear solution, 1 nonlinear least squares", min=0, max=1)
     roll_density = real(
@@ -133,6 +96,7 @@ class Gains(Derived):
     bias_noise = real("rad2/s2", "Xi_b, covariance that one sample adds to the bias", shape=(3, 3))
     integrator = real(None, "tip motion, state matrix", shape=(3, 3))
     integrator_input = real(None, "tip motion, input column", shape=3)
+    alignment = compensation.Alignment
 
 
 class In(Inputs):
@@ -147,6 +111,7 @@ class In(Inputs):
         min=0.0,
         max=design.ADC_SPAN,
     )
+    temperature: Any = compensation.TEMPERATURE
 
 
 class X(State):
@@ -215,6 +180,7 @@ def derive(p: Any, T: float) -> Gains:
         bias_noise=attitude_filter.unscented_covariance(lambda s: T * alpha_error(s), sampled),
         integrator=A,
         integrator_input=B,
+        alignment=compensation.align(p.accelerometer, p.magnetometer),
     )
 
 
@@ -223,9 +189,10 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     geometry = kinematics.Geometry.of(p.geometry)
     variances = p.accelerometer.density**2
 
-    # Compensation (A04 3.2, first order)
-    f = (u.volts[:6] - p.accelerometer.zero) / p.accelerometer.scale
-    field = (u.volts[6:] - p.magnetometer.zero) / p.magnetometer.scale
+    # Compensation (A04 3.2)
+    at = (u.temperature, p.thermometer.reference, derived.alignment)
+    f = compensation.specific_forces(p.accelerometer, u.volts[:6], *at)
+    field = compensation.magnetic_field(p.magnetometer, u.volts[6:], *at)
     strength = ca.sqrt(ca.sumsqr(field) + p.magnetometer.sigma**2)
     n_B = field / strength
 

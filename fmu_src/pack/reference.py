@@ -38,6 +38,7 @@ REACH = {
     "rad/s2": 0.5,
     "V": 20.0,
     "T": 20e-6,
+    "s": 2e-3,
     None: 0.02,
 }
 """How far an input that rests at zero moves, by unit; about what a tremor of 10 Hz makes of it."""

@@ -57,7 +57,7 @@ def _draw(figure: go.Figure, row: int, each: Consistency) -> None:
     for curve in (
         line(*thinned(each.time, ratio), _SINGLE, "single values", first, width=0.6),
         line(
-            *_ends(each.time, each.bound / each.size), GREY, "their bound", first,
+            *thinned(*_ends(each.time, each.bound / each.size)), GREY, "their bound", first,
             dash="dash", width=1.0,
         ),
     ):  # fmt: skip

@@ -114,7 +114,7 @@ class Item:
 
     Attributes:
         name: on the command line, `table-7.1` or `figure-6.7`; unique.
-        source: as in "A04 table 7.1".
+        source: as in "A04 table 7.1"; the data set, where no paper has it.
         title: one line for people.
         group: items that belong together, `hysteresis`.
         run: measures it.

@@ -177,7 +177,7 @@ def test_the_shipped_loop_of_real_fmus_runs_in_wire_order():
         "controller",
     )
     left = [name for name in system.wiring.undriven if not name.startswith("hand.recorded")]
-    # Nobody holds here, and no filter stands outside.
+    # The room is that of the sensors, no thermometer is read; nobody holds, no filter is outside.
     outside = [f"controller.external_tremor_{axis}" for axis in "xyz"]
-    assert left == [*outside, "controller.hold"]
+    assert left == ["sensors.ambient", "estimator.temperature", *outside, "controller.hold"]
     assert system.wiring.notes == ()

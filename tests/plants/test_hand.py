@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from fmu_src.kit import Runner, design
 from fmu_src.kit.noise import uniforms
+from fmu_src.pack.compiled import CompiledRunner
 from plants import hand
 from plants.hand import MODEL, Params
 
@@ -31,7 +32,7 @@ BANDS = {
 @pytest.fixture(scope="module")
 def generated():
     """Four minutes with the declared parameters."""
-    return Runner(MODEL).run(round(SECONDS / T))
+    return CompiledRunner(MODEL).run(round(SECONDS / T))
 
 
 @pytest.fixture(scope="module")
@@ -197,7 +198,7 @@ def test_pulses_come_at_their_rate():
     """Short pulses far apart can be counted."""
     rate = 0.5
     parameters = SILENT | {"jerk_rms": 1e-5, "jerk_rate": rate, "jerk_corner": 10.0}
-    out = Runner(MODEL, parameters).run(120_000)
+    out = CompiledRunner(MODEL, parameters).run(120_000)
     size = np.linalg.norm(out["tip"], axis=1)
     peaks, _ = signal.find_peaks(size, height=1e-7, distance=50)
     assert len(peaks) == pytest.approx(rate * 120, abs=3 * np.sqrt(rate * 120))
