@@ -177,7 +177,8 @@ def test_the_shipped_loop_of_real_fmus_runs_in_wire_order():
         "controller",
     )
     left = [name for name in system.wiring.undriven if not name.startswith("hand.recorded")]
-    # The room is that of the sensors, no thermometer is read; nobody holds, no filter is outside.
+    # No room, no thermometer, no lost samples; nobody holds, no filter is outside.
     outside = [f"controller.external_tremor_{axis}" for axis in "xyz"]
-    assert left == ["sensors.ambient", "estimator.temperature", *outside, "controller.hold"]
+    room = ["sensors.ambient", "estimator.temperature", "estimator.inertial_valid"]
+    assert left == [*room, *outside, "controller.hold"]
     assert system.wiring.notes == ()
