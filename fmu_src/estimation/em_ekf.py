@@ -82,6 +82,8 @@ AIDING = 1e-9
 """Rounding of sums of sample periods [s]."""
 LEVEL = np.radians(2.0)
 """Tilt of the tracker's vertical against the specific force that passes for none [rad]."""
+SLOW, FADING = 1.0, 0.2
+"""Times of the slow mean, and in which a seen acceleration is forgotten [s] (chosen)."""
 START_SIGMA = 1.0
 """Attitude before the first measurement [rad]: as good as unknown."""
 
@@ -424,7 +426,7 @@ def gather(x: Any, u: Any, turn: Any, sample: Any, rate: Any, noise: Any, T: flo
 
 
 def accelerating(q: Any, force: Any, noise: Any, h: Any, x: Any) -> Acceleration:
-    """How much the specific force in W departs from its slow mean, in about half a second.
+    """How much the specific force in W departs from its slow mean.
 
     Args:
         q: attitude.
@@ -438,10 +440,6 @@ def accelerating(q: Any, force: Any, noise: Any, h: Any, x: Any) -> Acceleration
     apart = ca.sqrt(ca.sumsqr(now - slow))
     level = ca.fmax(x.level * ca.exp(-h / FADING), ca.fmax(apart - 5 * noise, 0))
     return Acceleration(slow=slow, level=level, seen=1)
-
-
-SLOW, FADING = 1.0, 0.2
-"""Times of the slow mean, and in which a seen acceleration is forgotten [s]."""
 
 
 def disturbance(site: Any, q: Any, field: Any) -> Any:

@@ -85,3 +85,19 @@ def residual_function(space, residual, predict, size=4):
     expected = predict(state, turn)
     known = ca.vertcat(sources.shown(expected, z), expected, turn)
     return ca.Function("residual", [x, turn, z], [residual(state, known)])
+
+
+def slopes(space, residual, predict, size=4):
+    """Residual at a state moved by an error, and the exact one: of state, error, turn since then.
+
+    What is measured is what the state predicts, so both are zero without an error.
+    """
+    x, e, turn = (
+        ca.SX.sym(letter, n)
+        for letter, n in (("x", space.size), ("e", space.error_size), ("t", size))
+    )
+    moved = space.record.unpack(space.moved(x, e))
+    expected = predict(space.record.unpack(x), turn)
+    found = residual(moved, ca.vertcat(0, 0, 0, expected, turn))
+    exact = sources.shown(predict(moved, turn), expected)
+    return ca.Function("slopes", [x, e, turn], [found, exact])

@@ -18,6 +18,7 @@ from tests.estimation.motions import (
     quaternion,
     residual_function,
     rotation,
+    slopes,
     swaying,
     there_and_back,
     turning,
@@ -90,6 +91,24 @@ def test_residual_is_the_error_of_a_late_distorted_attitude(seed):
     state += [*quaternion(hand_eye), *quaternion(registration)]
     found = np.array(f(state, quaternion(since), quaternion(measured))).ravel()
     np.testing.assert_allclose(found, noise, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6))
+def test_slope_of_the_residual_is_that_of_the_prediction(seed):
+    """Errors of all states at once, small: both differ by their square."""
+    rng = np.random.default_rng(seed)
+    then, since, hand_eye, registration = (
+        quaternion(Rotation.random(random_state=rng)) for _ in range(4)
+    )
+    state = [*then, *np.zeros(6), *rng.normal(size=3) * 0.2, *hand_eye, *registration]
+    error = rng.normal(size=SPACE.error_size) * 1e-4
+    found, exact = SLOPES(state, error, since)
+    assert np.abs(np.array(exact)).max() > 1e-6
+    np.testing.assert_allclose(np.array(found), np.array(exact), atol=3e-7)
+
+
+SLOPES = slopes(SPACE, tracker_residual, coils)
 
 
 @settings(deadline=None, max_examples=10)

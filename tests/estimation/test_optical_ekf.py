@@ -16,6 +16,7 @@ from tests.estimation.motions import (
     interval,
     quaternion,
     residual_function,
+    slopes,
     swaying,
     there_and_back,
     turning,
@@ -72,6 +73,22 @@ def test_residual_of_a_late_attitude_is_its_error(seed):
     state = np.r_[quaternion(past * since), np.zeros(7)]
     found = np.array(f(state, [*quaternion(since), 0.0], quaternion(measured))).ravel()
     np.testing.assert_allclose(found, noise, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6))
+def test_slope_of_the_residual_is_that_of_the_prediction(seed):
+    """Errors of attitude, rate and lag at once, small: both differ by their square."""
+    rng = np.random.default_rng(seed)
+    now, since = (quaternion(Rotation.random(random_state=rng)) for _ in range(2))
+    state = [*now, *rng.normal(size=3), *BIAS, 0.004]
+    error = rng.normal(size=SPACE.error_size) * 1e-4
+    found, exact = SLOPES(state, error, [*since, -0.002])
+    assert np.abs(np.array(exact)).max() > 1e-6
+    np.testing.assert_allclose(np.array(found), np.array(exact), atol=3e-7)
+
+
+SLOPES = slopes(SPACE, optical_residual, then, 5)
 
 
 @settings(deadline=None, max_examples=12)

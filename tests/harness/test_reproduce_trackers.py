@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+import harness
 from harness.reproduce.bench import trackers as bench
 from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.item import Context
@@ -116,3 +117,14 @@ def test_occlusion_of_half_a_second_is_bridged():
     assert by["largest error of the attitude, tracker held", "0.5 s"] > 4.5
     assert by["largest error of the attitude, filter", "0.5 s"] < 0.1
     assert by["largest error of the attitude, filter", "2 s, "] < 0.15
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scenario", "wanted"), [(bench.EM, 0.2), (bench.OPTICAL, 0.05)])
+def test_scenarios_run_from_their_fmus(scenario, wanted, tmp_path):
+    """What `steadytip run` shows: attitude error [deg], and the filter's own opinion of it."""
+    result = harness.run(scenario, overrides={"seconds": 20.0}, out=tmp_path, report=False)
+    value = {name: metric.value for name, metric in result.metrics.items()}
+    assert np.degrees(value["attitude_error_rms"]) < wanted
+    assert 0 < value["estimator.nis"] < value["estimator.nis_high"]
+    assert 0 < value["estimator.attitude_nees"] < value["estimator.attitude_nees_high"]
