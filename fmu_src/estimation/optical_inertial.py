@@ -630,7 +630,7 @@ def _start_variance(p: Params) -> Any:
 
 
 def _now() -> ca.Function:
-    """(state, sample, time since it) -> pose of this instant, and how errors of the state change it.
+    """(state, sample, time since it) -> pose of this instant, and how errors of a state change it.
 
     Results: q_WO, position and velocity of the tracked body, w; slope of the errors of the first
     three, attitude in O, (9, n).
