@@ -34,6 +34,11 @@ Forces and fields are averaged in the turning body over `interval` before they c
 of a hand and what disturbs the heading are no noise of a millisecond. Their densities are those of
 slow disturbances.
 
+A magnet on the instrument now and then gives the field's strength and dip by chance while the
+instrument turns. So a field that showed iron counts again only after it has been right for a while:
+`DOUBT` times as long as it was wrong, at most `hold`. Iron for a moment costs next to nothing then.
+Hard switching goes by the moment alone, as RK's.
+
 The jitter of the tracker grows with its distance from the field generator as s (1 + (x / x_0)^4).
 
 Where all that the tracker says is beyond the gate for long, but its vertical is that of the
@@ -84,6 +89,8 @@ LEVEL = np.radians(2.0)
 """Tilt of the tracker's vertical against the specific force that passes for none [rad]."""
 SLOW, FADING = 1.0, 0.2
 """Times of the slow mean, and in which a seen acceleration is forgotten [s] (chosen)."""
+DOUBT = 3.0
+"""Seconds that a field must fit for each one that it did not (chosen on the BROAD trials)."""
 START_SIGMA = 1.0
 """Attitude before the first measurement [rad]: as good as unknown."""
 
@@ -166,6 +173,14 @@ class Magnetic(Parameters):
     )
     dip_limit = real(
         "rad", "departure from the dip that tells iron", start=np.radians(5), min=0.0, max=3.0
+    )
+    hold = real(
+        "s",
+        "longest time for which strength and dip must fit before a field that showed iron counts"
+        " again",
+        start=2.0,
+        min=0.0,
+        max=60.0,
     )
 
 
@@ -288,6 +303,7 @@ class X(State):
     unit: Any = sources.Unit
     tracked: Any = sources.Tracked
     disturbed = boolean("whether the field was disturbed when last looked at")
+    doubt = real("s", "for which its strength and dip still have to fit", min=0.0)
 
 
 class Out(Outputs):
@@ -303,7 +319,9 @@ class Out(Outputs):
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     em_lost = boolean("the tracker has said nothing usable for longer than its patience")
     accelerated = boolean("gravity counts less than half, or not at all: the body accelerates")
-    magnetic_disturbance = boolean("the magnetometer hardly counts: strength or dip of its field")
+    magnetic_disturbance = boolean(
+        "the magnetometer hardly counts: strength or dip of its field, now or not long ago"
+    )
     attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
     rate_bias_sigma = real("rad/s", "standard deviation of b", shape=3, axes="xyz", min=0.0)
     distortion_sigma = real("rad", "standard deviation of d", shape=3, axes="xyz", min=0.0)
@@ -547,7 +565,10 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     (strange,) = sources.recorded(
         "disturbance", disturbance, site, Nominal.unpack(nominal).attitude, field
     )
-    disturbed = ca.if_else(aided, strange, x.disturbed)
+    grown = ca.fmin(x.doubt + DOUBT * g.waited, ca.if_else(e.hard_switching, 0, m.hold))
+    left_over = ca.fmax(x.doubt - g.waited, 0)
+    doubt = ca.if_else(aided, ca.if_else(strange, grown, left_over), x.doubt)
+    disturbed = ca.if_else(aided, ca.logic_or(strange, doubt > 0), x.disturbed)
     horizontal = m.strength * ca.cos(m.inclination)
     heading_density = ca.if_else(disturbed, m.disturbed_density, m.heading_density)
     R_h = ((m.noise / horizontal) ** 2 + heading_density**2) / (2 * g.waited)
@@ -618,6 +639,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             unit=sample.unit,
             tracked=came.tracked.replace(doubted=doubted),
             disturbed=disturbed,
+            doubt=doubt,
         ),
         Out(
             attitude=attitude,
