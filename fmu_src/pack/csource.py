@@ -44,6 +44,15 @@ _HEAD = re.compile(r"^(.*\(const casadi_real\*\* arg, casadi_real\*\* res, .*\) 
 _UNUSED = "  (void)arg; (void)res; (void)iw; (void)w; (void)mem;\n"
 
 
+LONG_SLOPE = 100_000
+"""Characters of C beyond which a slope is compiled as it is written."""
+_OPTIMISE = """
+#ifdef __clang__
+#pragma clang optimize {}
+#endif
+"""
+
+
 @cache
 def shell() -> str:
     """Source text of the FMI shell."""
@@ -86,9 +95,23 @@ def functions(model: Model) -> str:
     # Some patterns name others, as a macro; what nothing names goes.
     while (short := _PATTERN.sub(partial(_named, Counter(_NAME.findall(text))), text)) != text:
         text = short
+    text = _quick_to_compile(text, list(called))
     counts = [f" * {name}: {f.n_instructions()} operations" for name, f in called.items()]
     title = "/* Generated from the recorded model; do not edit."
     return "\n".join([title, *counts, " */", text])
+
+
+def _quick_to_compile(text: str, names: list[str]) -> str:
+    """The same, what only the slope needs left as it is written, where that is long.
+
+    An optimiser takes most of a long model's time for derivatives that few importers ask for.
+    """
+    others = max(text.find(f"int {name}(") for name in names[:-1])
+    end = text.find("\n}\n", others) + len("\n}\n")
+    if len(text) - end < LONG_SLOPE:
+        return text
+    off, on = map(_OPTIMISE.format, ("off", "on"))
+    return f"{text[:end]}{off}{text[end:]}{on}"
 
 
 def _named(times: Counter[str], found: re.Match[str]) -> str:
