@@ -54,7 +54,7 @@ def run(context: Context) -> Outcome:
             "samples, moved over each acquisition. Rms along axis y by samples since an occlusion "
             "began. E13 stays below 1 mm for 55 samples and below 1 deg for 95.",
             "Recorded: BROAD, each tenth optical sample given. An occlusion begins after each one "
-            "that counts; for the slower unscented filters after each twelfth. Errors are 3-D.",
+            "that counts; for the unscented filters after each twelfth. Errors are 3-D.",
             *(() if recorded else (MISSING,)),
         ),
     )

@@ -16,9 +16,6 @@ from harness.reproduce.item import Context
 
 FILTERS = ("OpticalInertialEkf", "OpticalInertialUkf")
 NAMES = {name[:2]: name for name in TRIALS}
-STRIDE = 12
-"""Of the places at which an occlusion begins: each of them takes minutes."""
-
 pytestmark = [pytest.mark.slow, pytest.mark.xdist_group("broad")]
 
 
@@ -82,38 +79,40 @@ def test_the_filter_of_e13_does_not_learn_what_is_wrong(trial, number, position,
 
 
 def test_the_tracker_alone_for_scale(data_dir, trial) -> None:
-    """Constant velocity: 1.0 to 3.5 mm and 1.2 to 3.9 deg where nothing disturbs."""
+    """Constant velocity, in all trials: 0.85 to 3.0 mm and 1.03 to 3.4 deg."""
     trial("02")
     for motion in recorded(Context(data=data_dir), THINNED, list(TRIALS)):
         found = followed(ALONE, motion)
         position = 1e3 * found.rms("position", None).max()
         attitude = np.degrees(found.rms("attitude", None).max())
-        assert 0.9 < position < 3.6
-        assert 1.1 < attitude < 4.0
+        assert 0.8 < position < 3.1
+        assert 1.0 < attitude < 3.5
 
 
-OCCLUDED = [
-    ("02", (1.3, 2.7, 7.5), 0.3),
-    ("10", (1.3, 2.7, 7.5), 0.3),
-    ("06", (2.5, 6.0, 18.0), 0.3),
-]
 DURATIONS = (0.275, 0.5, 1.0)
 
 
-@pytest.mark.parametrize(("number", "position", "attitude"), OCCLUDED)
-def test_occlusions(trial, number, position, attitude) -> None:
-    """0.275, 0.5 and 1 s, at each twelfth place.
+@pytest.mark.parametrize(
+    ("number", "stride", "position", "attitude"),
+    [
+        ("02", 12, (1.3, 2.7, 7.5), 0.3),
+        ("10", 12, (1.3, 2.7, 7.5), 0.3),
+        ("06", 4, (2.5, 6.0, 18.0), 0.31),
+    ],
+)
+def test_occlusions(trial, number, stride, position, attitude) -> None:
+    """0.275, 0.5 and 1 s. Wanted: 0.3 deg; after 1 s in the fast trial it is 0.306.
 
     At every place (`steadytip reproduce e13-figure-4.10`): trial 02 1.15, 2.47 and 7.47 mm, 10
-    1.03, 2.36 and 7.25 mm, 06 1.79, 4.37 and 14.5 mm; 0.306 deg after 1 s in trial 06, else below
-    0.3.
+    1.03, 2.36 and 7.25 mm, 06 1.79, 4.37 and 14.5 mm; 0.27 deg at the most but for that.
     """
     model = load_model("OpticalInertialEkf")
-    found = occlusions(model, trial(number), DURATIONS, stride=STRIDE)
+    found = occlusions(model, trial(number), DURATIONS, stride=stride)
     assert found.count.min() > 250
     for measured, bound in zip(found.position, position, strict=True):
         assert 1e3 * measured < bound
-    assert np.degrees(found.attitude.max()) < attitude
+    assert np.degrees(found.attitude).max() < attitude
+    assert np.degrees(found.attitude)[:2].max() < 0.3
 
 
 def test_occlusions_are_bridged_alike_by_both_filters(trial) -> None:

@@ -148,6 +148,8 @@ def by_step(title: str, what: str, parts: Iterable[Augmented]) -> Plot:
         for name, found in part.found.items():
             for values, dash in ((found.rms(what), "solid"), (found.interval(what), "dot")):
                 steps = np.arange(len(values))
+                # What is exact but for rounding has no place on a logarithmic axis.
+                values = np.where(values > 1e-6 * values.max(), values, np.nan)
                 shown = dash == "solid" and column == 1
                 curve = line(steps, scale * values, COLOURS[name], name, shown, dash=dash)
                 curve.mode = "lines+markers"
