@@ -80,6 +80,8 @@ class Motion:
         drive: voltages, (n, k) [V].
         attitude_true: q_WB, (n, 4), scalar first.
         attitude_estimated: q_WB, (n, 4), scalar first.
+        position_true: in W, (n, 3) [m].
+        position_estimated: in W, (n, 3) [m].
         saturated: (n,) or (n, 1), not 0 while a command is at its limit.
     """
 
@@ -93,6 +95,8 @@ class Motion:
     drive: FloatArray | None = None
     attitude_true: FloatArray | None = None
     attitude_estimated: FloatArray | None = None
+    position_true: FloatArray | None = None
+    position_estimated: FloatArray | None = None
     saturated: FloatArray | None = None
 
 
@@ -120,6 +124,8 @@ def motion_of(result: Result) -> Motion:
         drive=result.role("drive"),
         attitude_true=result.role("attitude_true"),
         attitude_estimated=result.role("attitude_estimated"),
+        position_true=result.role("position_true"),
+        position_estimated=result.role("position_estimated"),
         saturated=result.role("saturated"),
     )
 
@@ -130,7 +136,8 @@ def metrics_of(motion: Motion) -> dict[str, Metric]:
     A figure is left out where a signal is missing, the record after `settle` is shorter than a
     second, or there is no tremor to be reduced.
     """
-    signals = (motion.tip, motion.moved, motion.drive, motion.attitude_true, motion.saturated)
+    truths = (motion.attitude_true, motion.position_true)
+    signals = (motion.tip, motion.moved, motion.drive, *truths, motion.saturated)
     samples = max((len(s) for s in signals if s is not None), default=0)
     first = round(motion.settle / motion.step)
     metrics: dict[str, Metric] = {}
@@ -138,7 +145,7 @@ def metrics_of(motion: Motion) -> dict[str, Metric]:
         after = slice(first, None)
         metrics |= _tip(motion, after)
         metrics |= _drive(motion, after)
-        metrics |= _attitude(motion, after)
+        metrics |= _pose(motion, after)
     return metrics | dict(_speed(motion))
 
 
@@ -299,16 +306,21 @@ def _drive(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
         )
 
 
-def _attitude(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
-    if motion.attitude_true is None or motion.attitude_estimated is None:
-        return
-    angle = angle_between(motion.attitude_true[after], motion.attitude_estimated[after])
-    text = "angle of the rotation from the true to the estimated attitude"
-    yield (
-        "attitude_error_rms",
-        Metric(float(np.sqrt(np.mean(angle**2))), "rad", f"rms of the {text}"),
-    )
-    yield "attitude_error_max", Metric(float(angle.max()), "rad", f"largest {text}")
+def _pose(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
+    """Errors of an estimated attitude and position."""
+    if motion.attitude_true is not None and motion.attitude_estimated is not None:
+        angle = angle_between(motion.attitude_true[after], motion.attitude_estimated[after])
+        text = "angle of the rotation from the true to the estimated attitude"
+        yield from _error("attitude_error", angle, "rad", text)
+    if motion.position_true is not None and motion.position_estimated is not None:
+        apart = motion.position_estimated[after] - motion.position_true[after]
+        distance = np.linalg.norm(apart, axis=1)
+        yield from _error("position_error", distance, "m", "distance of the estimated position")
+
+
+def _error(name: str, size: FloatArray, unit: str, text: str) -> Iterator[tuple[str, Metric]]:
+    yield f"{name}_rms", Metric(float(np.sqrt(np.mean(size**2))), unit, f"rms of the {text}")
+    yield f"{name}_max", Metric(float(size.max()), unit, f"largest {text}")
 
 
 def _speed(motion: Motion) -> Iterator[tuple[str, Metric]]:

@@ -1,6 +1,6 @@
 """Three dual-axis accelerometers and a three-axis magnetometer, from quantity to converted volts.
 
-    v     = V_0 + c (clip(S u) + b + w)                            what the sensing element gives
+    v     = V_0 + c (clip(F(S u)) + b + w)                         what the sensing element gives
     w'    = white noise of density K                               random walk
     tau y' = v + white noise of density c N - y                    output filter
     V     = round(clip(y, 0, V_s) / D) D,  D = V_s / 2^bits        converter
@@ -15,6 +15,37 @@
 | c | nominal scale [V.s2/m], [V/T] |
 | tau | time constant of the output filter [s] |
 | V_0, V_s, D | zero, span and step of the converter [V] |
+
+An accelerometer's mass that is pulled across its axis changes what the channel gives, and friction
+makes that depend on the way (forces x along the channel, y and z across it, in and out of the
+chip's plane, all by the standard gravity):
+
+    F = S u G(z) (1 + k x^2) + n_y B(y) + n_z B(z) - l (x - r) / X
+    B(y) = (sqrt(1 + (y / Y)^2) - 1) / (sqrt(1 + 1 / Y^2) - 1)     skewed springs: a bow
+    G(z) = 1 / (1 + d ((z + Z)^2 - Z^2))                           fingers overlap less when it sags
+    r    = min(max(r, x - X), x + X)                               what sticks
+
+Of a magnetometer's element the field y across it takes from the sensitivity: F = S (1 + J) u / (1 +
+q y), where J is what soft iron adds to the field.
+
+Electronics warm up, each sensor in its own time, and stress in its package follows behind:
+
+    theta' = (t_a + H - theta) / tau_h                             temperature of a sensor
+    sigma  = min(max(sigma, theta - W), theta + W)                 the one that its stress is of
+    b -> b + b_t (sigma - sigma_0),   S -> S (1 + e_t (theta - theta_0))
+
+with theta_0, sigma_0 those of a unit that has been warmed up in a room of 22 degC. So warming and
+cooling differ, by 2 W b_t. The thermometer tells the board's temperature, not that of any sensor.
+
+| symbol | meaning |
+| --- | --- |
+| n_y, n_z, d, k | bow, droop and hardening of a channel, at 1 g |
+| l | half of the loop's height [m/s2] |
+| X, Y, Z | widths, by the standard gravity: `STUCK`, `KNEE`, `LIFT` |
+| J, q | soft iron, cross-field sensitivity [1/T] |
+| t_a, H, tau_h | room [degC], rise by the unit's own power [K], time of warming up [s] |
+| W | half width of the stress's path [K] |
+| b_t, e_t | changes with temperature [m/s2/K] or [T/K], [1/K] |
 
 The filter is solved exactly between samples, for an input that runs straight from one sample to the
 next, and for continuous white noise (an Ornstein-Uhlenbeck process):
@@ -33,7 +64,9 @@ rates the same accelerometer at 2.25 mg rms in 15 Hz, four times its data sheet:
 Bias, scale, cross axis and misalignment are what is left of them in a calibrated instrument after
 warm-up (A04 chapter 3): fixed numbers in no order, of the size of 1 mg, 0.1 % and 0.1 deg; the
 last is the data sheet's own axis alignment. Raw sensors fit into the ranges as well: +-100 mg of
-bias, +-6 % of scale, +-3 % across.
+bias, +-6 % of scale, +-3 % across. Bow, droop, loop and iron are zero at first, the unit is warm;
+scenario `raw_unit` has one as it comes from the bench. Times of warming up give A04's 2 to 12 h to
+the steady state (four of them); changes with temperature are typical ones of the data sheets.
 """
 
 from typing import Any
@@ -65,6 +98,15 @@ GAUSS = 1.0 / design.MAGNETOMETER_SCALE
 WALK_TURN = 3600.0
 """Averaging time of the smallest root Allan variance [s] (chosen between A04's 30 min and 12 h)."""
 
+SENSORS = ("1", "2", "3", "m")
+"""Chips in the order of what has one value for each: three accelerometers and the magnetometer."""
+ROOM = 22.0
+"""Of A04's experiments (3.2.1.5) [degC]."""
+KNEE, LIFT, STUCK = 0.6, 0.25, 0.3
+"""Y, Z, X: widths of bow, droop and loop, by the standard gravity."""
+RESOLUTION = 1 / 16
+"""Of a digital thermometer [K]."""
+_HOUR = 3600.0
 _MAGNETOMETER_NOISE = design.MAGNETOMETER_RESOLUTION / np.sqrt(10.0)
 
 
@@ -204,6 +246,94 @@ class Params(Parameters):
         min=1e-5,
         max=1.0,
     )
+    accelerometer_bow = real(
+        "m/s2",
+        "n, bow of each channel at 1 g across it, in the chip's plane and out of it",
+        shape=(6, 2),
+        min=-1.0,
+        max=1.0,
+    )
+    accelerometer_droop = real(
+        None, "d, share of the scale that goes at 1 g out of the plane", shape=6, min=0.0, max=0.2
+    )
+    accelerometer_hardening = real(
+        None, "k, share of the scale that 1 g along the channel adds", shape=6, min=-0.05, max=0.05
+    )
+    accelerometer_hysteresis = real(
+        "m/s2", "l, half the height of the loop over the force", shape=6, min=0.0, max=0.5
+    )
+    soft_iron = real(
+        None, "J, field in B that iron adds to a field of 1", shape=(3, 3), min=-0.3, max=0.3
+    )
+    cross_field = real(
+        "1/T",
+        "q, sensitivity of each channel that the field along the next axis takes",
+        shape=3,
+        min=-1e3,
+        max=1e3,
+    )
+    heating = real(
+        "K",
+        "H, rise of each sensor by the unit's own power",
+        shape=4,
+        start=(8.0, 7.0, 9.0, 11.0),
+        min=0.0,
+        max=60.0,
+    )
+    warming = real(
+        "s",
+        "tau_h, time constant of each sensor's warming up",
+        shape=4,
+        start=(0.5 * _HOUR, 1.75 * _HOUR, 3.0 * _HOUR, 1.0 * _HOUR),
+        min=1.0,
+        max=1e5,
+    )
+    powered = real(
+        "s",
+        "time that the unit has been on at the first sample; 0 is a cold start",
+        start=1e7,
+        min=0.0,
+        max=1e9,
+    )
+    stress_width = real(
+        "K", "W, half width of the path of each sensor's stress", shape=4, start=1.0, min=0, max=20
+    )
+    accelerometer_bias_drift = real(
+        "m/s2/K",
+        "b_t of the accelerometers",
+        shape=6,
+        start=np.array([120, -90, 150, 60, -130, 100]) * MICRO_G,
+        min=-0.05,
+        max=0.05,
+    )
+    accelerometer_scale_drift = real(
+        "1/K",
+        "e_t of the accelerometers",
+        shape=6,
+        start=(5e-5, -3e-5, 4e-5, 6e-5, -5e-5, 3e-5),
+        min=-2e-3,
+        max=2e-3,
+    )
+    magnetometer_bias_drift = real(
+        "T/K",
+        "b_t of the magnetometer",
+        shape=3,
+        start=np.array([40e-6, -25e-6, 30e-6]) * GAUSS,
+        min=-1e-6,
+        max=1e-6,
+    )
+    magnetometer_scale_drift = real(
+        "1/K",
+        "e_t of the magnetometer",
+        shape=3,
+        start=(-6e-4, -6e-4, -6e-4),
+        min=-5e-3,
+        max=5e-3,
+    )
+    thermometer_offset = real("K", "error of the thermometer", start=0.3, min=-10.0, max=10.0)
+    thermometer_lag = real(
+        "s", "time constant of the board's warming up", start=0.75 * _HOUR, min=1.0, max=1e5
+    )
     adc_bits = integer("resolution of the converter", start=16, min=8, max=24)
 
 
@@ -214,6 +344,7 @@ class In(Inputs):
     force2 = real("m/s2", "specific force at site 2 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
     force3 = real("m/s2", "specific force at site 3 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
     field = real("T", "magnetic field in B", shape=3, axes="xyz", min=-0.1, max=0.1)
+    ambient = real("degC", "t_a, temperature of the room", start=ROOM, min=-40.0, max=85.0)
 
 
 class Rows(Derived):
@@ -225,6 +356,13 @@ class Rows(Derived):
     hold = real(None, "h, weight split between the ends of a sample", shape=9)
     noise = real("V", "rms noise behind the filter", shape=9)
     walk = real("V", "rms increment of the random walk in a sample", shape=9)
+    turn_1 = real(None, "from B to the axes of accelerometer 1", shape=(3, 3))
+    turn_2 = real(None, "from B to the axes of accelerometer 2", shape=(3, 3))
+    turn_3 = real(None, "from B to the axes of accelerometer 3", shape=(3, 3))
+    cooled = real(None, "share of a temperature's way that is left after a sample", shape=4)
+    board_cooled = real(None, "the same of the board")
+    warm = real("degC", "theta_0, temperature of each sensor when warmed up", shape=4)
+    warm_stress = real("degC", "sigma_0, the same of its stress", shape=4)
 
 
 class X(State):
@@ -234,6 +372,10 @@ class X(State):
     source = real("V", "sensing element at the last sample", shape=9)
     filtered = real("V", "output filter", shape=9)
     walk = real("V", "random walk", shape=9)
+    stuck = real("m/s2", "r, where each accelerometer channel sticks", shape=6)
+    temperature = real("degC", "theta of each sensor", shape=4)
+    stress = real("degC", "sigma of each sensor", shape=4)
+    board = real("degC", "temperature of the board")
 
 
 class Out(Outputs):
@@ -241,6 +383,7 @@ class Out(Outputs):
 
     volts = real("V", "converted output", shape=9, axes=CHANNELS, min=0.0, max=design.ADC_SPAN)
     clipped = boolean("whether a sensor or the converter is at its limit")
+    temperature = real("degC", "temperature of the board by its thermometer", start=ROOM)
 
 
 def sensitivity_row(axis: int, misalignment: Any, scale_error: Any, cross_axis: Any) -> Any:
@@ -288,6 +431,11 @@ def derive(p: Params, T: float) -> Rows:
         ).T
         for axis in range(3)
     ]
+    turns = [
+        rotations.matrix(rotations.from_rotation_vector(p.accelerometer_misalignment[i, :].T)).T
+        for i in range(3)
+    ]
+    warm = ROOM + p.heating
     lag = _of_each(p.accelerometer_lag, p.magnetometer_lag)
     decay = ca.exp(-T / lag)
     return Rows(
@@ -297,23 +445,97 @@ def derive(p: Params, T: float) -> Rows:
         hold=lag / T * (1 - decay),
         noise=SCALES * _of_each(p.accelerometer_noise, p.magnetometer_noise) / ca.sqrt(4 * lag),
         walk=SCALES * _of_each(p.accelerometer_walk, p.magnetometer_walk) * np.sqrt(T),
+        turn_1=turns[0],
+        turn_2=turns[1],
+        turn_3=turns[2],
+        cooled=ca.exp(-T / p.warming),
+        board_cooled=ca.exp(-T / p.thermometer_lag),
+        warm=warm,
+        warm_stress=_stress(ROOM, warm, p.stress_width),
     )
+
+
+def _clip(x: Any, low: Any, high: Any) -> Any:
+    return ca.fmin(ca.fmax(x, low), high)
+
+
+def _stress(before: Any, temperature: Any, width: Any) -> Any:
+    """Sigma that follows theta within W."""
+    return _clip(before, temperature - width, temperature + width)
+
+
+def bow(y: Any) -> Any:
+    """B(y), of forces by the standard gravity."""
+    return (ca.sqrt(1 + (y / KNEE) ** 2) - 1) / (np.sqrt(1 + 1 / KNEE**2) - 1)
+
+
+def accelerometers(p: Params, linear: Any, own: Any, stuck: Any) -> tuple[Any, Any]:
+    """F of the six channels [m/s2], and where they stick afterwards [m/s2].
+
+    Args:
+        p: parameters.
+        linear: S u of each channel, (6,) [m/s2].
+        own: specific force at each site in the axes of its sensor, three columns (3,) [m/s2].
+        stuck: r before, (6,) [m/s2].
+    """
+    width = STUCK * design.STANDARD_GRAVITY
+    felt, sticks = [], []
+    for i, channel in enumerate(ACCELEROMETERS):
+        force, axis = own[int(channel[1]) - 1], "xyz".index(channel[2])
+        (other,) = (
+            "xyz".index(c[2]) for c in ACCELEROMETERS if c[1] == channel[1] and c != channel
+        )
+        x, y, z = (force[j] / design.STANDARD_GRAVITY for j in (axis, other, 3 - axis - other))
+        droop = 1 + p.accelerometer_droop[i] * ((z + LIFT) ** 2 - LIFT**2)
+        gain = (1 + p.accelerometer_hardening[i] * x**2) / droop
+        across = p.accelerometer_bow[i, 0] * bow(y) + p.accelerometer_bow[i, 1] * bow(z)
+        place = _clip(stuck[i], force[axis] - width, force[axis] + width)
+        loop = p.accelerometer_hysteresis[i] * (force[axis] - place) / width
+        felt.append(linear[i] * gain + across - loop)
+        sticks.append(place)
+    return ca.vertcat(*felt), ca.vertcat(*sticks)
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[X, Out]:
     """One sample. The first one finds the filters settled and their noise stationary."""
     forces = {"1": u.force1, "2": u.force2, "3": u.force3}
-    sensed = ca.vertcat(
+    linear = ca.vertcat(
         *(
             derived.accelerometer_rows[i, :] @ forces[channel[1]]
             for i, channel in enumerate(ACCELEROMETERS)
-        ),
-        derived.magnetometer_rows @ u.field,
+        )
     )
+    own = [derived.turn_1 @ u.force1, derived.turn_2 @ u.force2, derived.turn_3 @ u.force3]
+    rest = ca.vertcat(*(own[int(c[1]) - 1]["xyz".index(c[2])] for c in ACCELEROMETERS))
+    felt, stuck = accelerometers(p, linear, own, ca.if_else(x.started, x.stuck, rest))
+
+    field = derived.magnetometer_rows @ (u.field + p.soft_iron @ u.field)
+    across = _clip(field[[1, 2, 0]], -p.magnetometer_range, p.magnetometer_range)
+    sensed = ca.vertcat(felt, field / (1 + p.cross_field * across))
+
+    # Temperatures, of each sensor and then of each channel
+    steady = u.ambient + p.heating
+    risen = u.ambient + p.heating * (1 - ca.exp(-p.powered / p.warming))
+    temperature = ca.if_else(x.started, steady + (x.temperature - steady) * derived.cooled, risen)
+    # A unit that was off has the stress of the room.
+    stress = _stress(ca.if_else(x.started, x.stress, u.ambient), temperature, p.stress_width)
+    board_steady = u.ambient + ca.sum1(p.heating) / 4
+    board_risen = ca.sum1(p.heating) / 4 * (1 - ca.exp(-p.powered / p.thermometer_lag))
+    board = ca.if_else(
+        x.started,
+        board_steady + (x.board - board_steady) * derived.board_cooled,
+        u.ambient + board_risen,
+    )
+    sensor = [SENSORS.index(c[1] if c in ACCELEROMETERS else "m") for c in CHANNELS]
+    warmer, stressed = temperature - derived.warm, stress - derived.warm_stress
+    scale_drift = ca.vertcat(p.accelerometer_scale_drift, p.magnetometer_scale_drift)
+    bias_drift = ca.vertcat(p.accelerometer_bias_drift, p.magnetometer_bias_drift)
+    sensed = sensed * (1 + scale_drift * warmer[sensor])
+
     limit = _of_each(p.accelerometer_range, p.magnetometer_range)
-    bias = ca.vertcat(p.accelerometer_bias, p.magnetometer_bias)
+    bias = ca.vertcat(p.accelerometer_bias, p.magnetometer_bias) + bias_drift * stressed[sensor]
     walk = x.walk + derived.walk * normal[9:]
-    source = SCALES * (ca.fmin(ca.fmax(sensed, -limit), limit) + bias) + walk
+    source = SCALES * (_clip(sensed, -limit, limit) + bias) + walk
 
     a, h = derived.decay, derived.hold
     settled = source + derived.noise * normal[:9]
@@ -329,9 +551,19 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
     code = ca.floor((design.ZERO_VOLTS + filtered) / design.ADC_SPAN * codes + 0.5)
     converted = ca.fmin(ca.fmax(code, 0), codes - 1)
     clipped = ca.logic_or(ca.mmax(ca.fabs(sensed) > limit), ca.mmax(converted != code))
+    shown = ca.floor((board + p.thermometer_offset) / RESOLUTION + 0.5) * RESOLUTION
     return (
-        X(started=1, source=source, filtered=filtered, walk=walk),
-        Out(volts=converted * (design.ADC_SPAN / codes), clipped=clipped),
+        X(
+            started=1,
+            source=source,
+            filtered=filtered,
+            walk=walk,
+            stuck=stuck,
+            temperature=temperature,
+            stress=stress,
+            board=board,
+        ),
+        Out(volts=converted * (design.ADC_SPAN / codes), clipped=clipped, temperature=shown),
     )
 
 

@@ -44,19 +44,16 @@ from fmu_src.kit import (
     Parameters,
     State,
     boolean,
+    design,
     integer,
     real,
     rotations,
 )
 from plants import sampling
 
-MARKERS = 4
+MARKERS = len(design.MARKERS)
 FEWEST = 3
 """Markers that a pose takes."""
-LAYOUT = np.array(
-    [[0.035, 0.0, 0.0], [-0.03, 0.045, 0.01], [-0.03, -0.04, -0.005], [0.0, 0.01, -0.06]]
-)
-"""Places in B [m] (chosen): sides of 70 to 86 mm, all different, so that none is mistaken."""
 SMALLEST_NORM = 0.01
 """Squared length below which four numbers no longer pass for an attitude."""
 _POSE = 7
@@ -74,7 +71,12 @@ class Params(Parameters):
         "s", "by which the stated age is short of the true one", start=0.0, min=-0.1, max=0.1
     )
     markers = real(
-        "m", "places r_i in B, one a row", shape=(MARKERS, 3), start=LAYOUT, min=-1.0, max=1.0
+        "m",
+        "places r_i in B, one a row",
+        shape=(MARKERS, 3),
+        start=design.MARKERS,
+        min=-1.0,
+        max=1.0,
     )
     noise_across = real(
         "m", "noise s_l of a marker across the line of sight", start=5e-5, min=0.0, max=0.01

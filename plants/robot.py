@@ -14,8 +14,9 @@
 | o | body | origin of B in W [m] |
 | w, alpha | rate, angular_acceleration | B |
 
-All joints start and stop together and turn at constant rates between (RK IV.A, C23 3.1.3). A move
-there, a dwell, a move back, a dwell, and again. The rate has no jumps and the angular acceleration
+All joints start and stop together and turn at constant rates between (RK IV.A, C23 3.1.3); or with
+`one_by_one` each has a third of the move to itself, as a calibration needs it. A move there, a
+dwell, a move back, a dwell, and again. The rate has no jumps and the angular acceleration
 no steps; the robot does not shake.
 """
 
@@ -24,7 +25,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, real, rotations
+from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real, rotations
+
+JOINTS = 3
 
 
 class Params(Parameters):
@@ -48,6 +51,7 @@ class Params(Parameters):
     ramp_time = real(
         "s", "t_r of start and stop, at most half of it", start=0.2, min=0.01, max=10.0
     )
+    one_by_one = boolean("whether roll, pitch and yaw move one after the other")
     dwell = real("s", "rest at either end", start=0.5, min=0.0, max=1000.0)
 
 
@@ -115,11 +119,13 @@ def _wrist() -> ca.Function:
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     """One sample."""
-    ramp = ca.fmin(p.ramp_time, 0.5 * p.move_time)
+    length = ca.if_else(p.one_by_one, p.move_time / JOINTS, p.move_time)
+    ramp = ca.fmin(p.ramp_time, 0.5 * length)
     half = p.dwell + p.move_time
     back = x.time >= half
     t = ca.fmax(x.time - ca.if_else(back, half, 0) - p.dwell, 0)
-    way, speed, change = move(t, p.move_time, ramp)
+    moves = [move(t - p.one_by_one * joint * length, length, ramp) for joint in range(JOINTS)]
+    way, speed, change = (ca.vertcat(*column) for column in zip(*moves, strict=True))
     sign = ca.if_else(back, -1, 1)
     span = p.end - p.start
     angles = p.start + span * ca.if_else(back, 1 - way, way)
@@ -135,7 +141,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             attitude=attitude,
             rate=rate,
             angular_acceleration=alpha,
-            moving=ca.fmin(speed * (p.move_time - ramp), 1),
+            moving=ca.fmin(ca.mmax(speed) * (length - ramp), 1),
         ),
     )
 

@@ -8,17 +8,26 @@
 | P | covariance of (dtheta, b error), (6, 6) |
 | w | rate with its bias taken off [rad/s] |
 | W | process noise of one sample: of the rate T^2 Xi_w, of the bias Xi_b |
-| z, V | measured attitude (TRIAD) and the covariance of its error |
+| z, V | measurement and the covariance of its error |
+| H | Jacobian of a measurement's residual by (dtheta, b) |
+| dtheta_W | the attitude error in W, R(q) dtheta [rad] |
 
 A04 carries the quaternion's four components in the covariance, which is then singular (4.20, 4.35
-have rank 3); here the error is the rotation vector, so H = [I 0] and nothing is singular.
+have rank 3); here the error is the rotation vector, and nothing is singular. Its measurement is the
+attitude of TRIAD, H = [I 0]. That is made of three numbers, two of the vertical and one of the
+field, whose errors are independent: taken in one after the other by `tilt_innovation` and
+`north_innovation` they correct as TRIAD does, but each can be left out where it is disturbed.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
+import numpy as np
 
 from fmu_src.kit import rotations
+
+LEAST = 1e-9
+"""Added to lengths that may vanish: angles and their derivatives are finite everywhere."""
 
 
 def predict_attitude(q: Any, w: Any, T: float) -> ca.SX:
@@ -44,29 +53,99 @@ def innovation(q: Any, z: Any) -> ca.SX:
     return rotations.to_rotation_vector(rotations.multiply(rotations.conjugate(q), z))
 
 
+def tilt_innovation(up_W: Any) -> ca.SX:
+    """Attitude error about the two level axes that the measured vertical shows, (2,) [rad].
+
+    Args:
+        up_W: measured vertical by the predicted attitude, R(q) z_B, a unit vector; it is e_z where
+            the prediction is right. What turns it there by the shortest way is the error, exact at
+            every angle; at 180 deg, where every way is, about x.
+    """
+    squared = ca.sumsqr(up_W[:2])
+    across = ca.sqrt(squared + LEAST**2)
+    ratio = ca.atan2(across, up_W[2]) / across
+    vanished = ca.logic_and(squared < LEAST**2, up_W[2] < 0)
+    turned = ca.if_else(vanished, np.pi, ratio * up_W[1])
+    return ca.vertcat(turned, -ratio * up_W[0])
+
+
+def north_innovation(field_W: Any) -> tuple[ca.SX, ca.SX]:
+    """Attitude error that the measured field shows: [rad], and its Jacobian by dtheta_W, (1, 3).
+
+    The angle of the field's level part from x, so that neither strength nor dip counts. A tilt
+    error turns it as well, by the tangent of the dip.
+
+    Args:
+        field_W: measured field by the predicted attitude, R(q) n_B, a unit vector.
+    """
+    lean = -field_W[2] / (ca.sumsqr(field_W[:2]) + LEAST**2)
+    return (
+        -ca.atan2(field_W[1], field_W[0] + LEAST),
+        ca.horzcat(lean * field_W[0], lean * field_W[1], 1),
+    )
+
+
 def predict_covariance(P: Any, w: Any, W: Any, T: float) -> ca.SX:
     """P one sample later, (6, 6) (A04 4.37)."""
     F = transition(w, T)
     return F @ P @ F.T + W
 
 
-def correct(q: Any, b: Any, P: Any, residual: Any, V: Any) -> tuple[Any, Any, Any, Any]:
-    """Take in a measured attitude (A04 4.38 to 4.40).
+class Correction(NamedTuple):
+    """What a measurement leaves behind.
 
-    The covariance is updated in Joseph's form, which stays positive in long runs.
-
-    Returns:
-        (q, b, P, normalised innovation squared).
+    Attributes:
+        change: of (dtheta, b), (6,).
+        P: covariance, (6, 6).
+        squared: normalised innovation squared, whether taken in or not.
+        taken: whether it was taken in.
     """
-    S = P[:3, :3] + V
-    S_inverse = ca.inv_minor(S)
-    K = P[:, :3] @ S_inverse
-    change = K @ residual
-    q = rotations.normalize(rotations.multiply(q, rotations.from_rotation_vector(change[:3])))
-    A = ca.SX.eye(6)
-    A[:, :3] -= K
+
+    change: ca.SX
+    P: ca.SX
+    squared: ca.SX
+    taken: ca.SX
+
+
+def correct(
+    P: Any,
+    residual: Any,
+    H: Any,
+    V: Any,
+    usable: Any = 1,
+    gate: Any = np.inf,
+    onto: Any = None,
+) -> Correction:
+    """Take in a measurement of some of the errors (A04 4.38 to 4.40).
+
+    TRIAD gives the measurement with H = [I 0] and V of `triad.covariance`. The covariance is
+    updated in Joseph's form, which stays positive in long runs and holds for every gain.
+
+    Args:
+        P: covariance of (dtheta, b), (6, 6).
+        residual: measured minus predicted, (m,).
+        H: Jacobian of the residual by (dtheta, b), (m, 6).
+        V: covariance of the measurement, (m, m).
+        usable: whether it is to be taken in at all.
+        gate: standard deviations, beyond which it is not.
+        onto: projection, (6, 6), of what the measurement may change; everything without one.
+    """
+    S = H @ P @ H.T + V
+    S_inverse = 1 / S if S.shape == (1, 1) else ca.inv_minor(S)
+    squared = ca.dot(residual, S_inverse @ residual)
+    taken = ca.logic_and(usable, squared <= gate**2)
+    K = taken * (P @ H.T @ S_inverse)
+    if onto is not None:
+        K = onto @ K
+    A = ca.SX.eye(6) - K @ H
     P = A @ P @ A.T + K @ V @ K.T
-    return q, b + change[3:], (P + P.T) / 2, ca.dot(residual, S_inverse @ residual)
+    return Correction(K @ residual, (P + P.T) / 2, squared, taken)
+
+
+def moved(q: Any, change: Any) -> ca.SX:
+    """Attitude after the change that a correction asks for, (4,) (A04 4.39)."""
+    turned = rotations.multiply(q, rotations.from_rotation_vector(change[:3]))
+    return rotations.normalize(turned)
 
 
 def unscented_covariance(transform: Any, roots: Any, kappa: float = 0.0) -> ca.SX:

@@ -88,13 +88,13 @@ class Arrival(NamedTuple):
 
 
 def measured(name: str, predict: Any, x: Any, turn: Any, z: Any) -> Any:
-    """Known numbers of `attitude_residual`, and the turn since the measurement, (11,).
+    """Known numbers of `attitude_residual`, and what the prediction takes besides, (7 + n,).
 
     Args:
         name: of the C function.
-        predict: attitude that is measured, of a state (N,) and a turn (4,).
+        predict: attitude that is measured, of a state (N,) and further numbers (n,).
         x: nominal state, (N,).
-        turn: since the measurement, (4,).
+        turn: these numbers: the turn since the measurement, (n,).
         z: measured attitude, (4,).
     """
 

@@ -16,6 +16,7 @@
 | w_m, f_m, m | rate, specific force, field, as the unit gives them |
 | q_m, q_then | attitude of C in F; attitude of B when it was measured, by the turns since |
 | v_f, v_h, v_e | noise |
+| t_g | lag of the inertial unit behind the tracker's clock [s], from which q is carried on |
 
 RK's seven states are q and b. The filter in error-state form has three numbers for each of q, b,
 b_a, d, h and r; one whose `_sigma` is zero is known and stays, so that with all but the first two
@@ -81,6 +82,8 @@ AIDING = 1e-9
 """Rounding of sums of sample periods [s]."""
 LEVEL = np.radians(2.0)
 """Tilt of the tracker's vertical against the specific force that passes for none [rad]."""
+SLOW, FADING = 1.0, 0.2
+"""Times of the slow mean, and in which a seen acceleration is forgotten [s] (chosen)."""
 START_SIGMA = 1.0
 """Attitude before the first measurement [rad]: as good as unknown."""
 
@@ -151,6 +154,13 @@ class Magnetic(Parameters):
         min=1e-6,
         max=10.0,
     )
+    disturbed_density = real(
+        "rad/Hz0.5",
+        "the same where strength or dip tell iron: a heading is better than none",
+        start=1.0,
+        min=1e-6,
+        max=1e3,
+    )
     strength_limit = real(
         None, "departure from the strength, relative, that tells iron", start=0.08, min=0, max=1
     )
@@ -176,6 +186,13 @@ class Tracker(Parameters):
     mounting_sigma = real("rad", "of h", start=0.0, min=0.0, max=1.0)
     registration = real("rad", "rotation vector of r", shape=3, min=-4.0, max=4.0)
     registration_sigma = real("rad", "of r", start=0.0, min=0.0, max=1.0)
+    lag = real(
+        "s",
+        "t_g, by which the inertial unit is behind the tracker's clock",
+        start=0.0,
+        min=-0.05,
+        max=0.05,
+    )
     gate = real(
         None,
         "normalised innovation squared for each degree of freedom, beyond which an attitude counts"
@@ -286,7 +303,7 @@ class Out(Outputs):
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     em_lost = boolean("the tracker has said nothing usable for longer than its patience")
     accelerated = boolean("gravity counts less than half, or not at all: the body accelerates")
-    magnetic_disturbance = boolean("the magnetometer is not used: strength or dip of its field")
+    magnetic_disturbance = boolean("the magnetometer hardly counts: strength or dip of its field")
     attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
     rate_bias_sigma = real("rad/s", "standard deviation of b", shape=3, axes="xyz", min=0.0)
     distortion_sigma = real("rad", "standard deviation of d", shape=3, axes="xyz", min=0.0)
@@ -310,6 +327,12 @@ def process(x: Any, u: Any) -> Nominal:
     missed = rotations.from_rotation_vector((bias - x.rate_bias) * h)
     turned = rotations.multiply(rotations.multiply(x.attitude, turn), missed)
     return x.replace(attitude=turned, distortion=left * x.distortion)
+
+
+def now(q: Any, turn: Any, rest: Any) -> Any:
+    """Attitude after a turn (4,) and a rotation vector (3,) more, for output, (4,)."""
+    turned = rotations.multiply(rotations.multiply(q, turn), rotations.from_rotation_vector(rest))
+    return rotations.canonical(turned)
 
 
 def gravity_residual(x: Any, u: Any) -> Any:
@@ -403,7 +426,7 @@ def gather(x: Any, u: Any, turn: Any, sample: Any, rate: Any, noise: Any, T: flo
 
 
 def accelerating(q: Any, force: Any, noise: Any, h: Any, x: Any) -> Acceleration:
-    """How much the specific force in W departs from its slow mean, in about half a second.
+    """How much the specific force in W departs from its slow mean.
 
     Args:
         q: attitude.
@@ -417,10 +440,6 @@ def accelerating(q: Any, force: Any, noise: Any, h: Any, x: Any) -> Acceleration
     apart = ca.sqrt(ca.sumsqr(now - slow))
     level = ca.fmax(x.level * ca.exp(-h / FADING), ca.fmax(apart - 5 * noise, 0))
     return Acceleration(slow=slow, level=level, seen=1)
-
-
-SLOW, FADING = 1.0, 0.2
-"""Times of the slow mean, and in which a seen acceleration is forgotten [s]."""
 
 
 def disturbance(site: Any, q: Any, field: Any) -> Any:
@@ -530,9 +549,10 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
     disturbed = ca.if_else(aided, strange, x.disturbed)
     horizontal = m.strength * ca.cos(m.inclination)
-    R_h = ((m.noise / horizontal) ** 2 + m.heading_density**2) / (2 * g.waited)
+    heading_density = ca.if_else(disturbed, m.disturbed_density, m.heading_density)
+    R_h = ((m.noise / horizontal) ** 2 + heading_density**2) / (2 * g.waited)
     usable = ca.logic_and(m.used, ca.logic_not(disturbed))
-    by_heading = ca.logic_and(by_gravity, usable)
+    by_heading = ca.logic_and(by_gravity, ca.if_else(e.hard_switching, usable, m.used))
 
     def with_heading(nominal: Any, P: Any, known: Any, R: Any, gate: Any) -> tuple[Any, ...]:
         found = FILTER.correct(heading_residual, nominal, known, P, R, gate)
@@ -560,8 +580,9 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         (level,) = sources.recorded("levelled", levelled, nominal, z, turn, f)
         return found.x, found.P, found.squared, level
 
+    age = ca.fmax(u.em_age - e.lag, 0)
     nominal, P, em_squared, level_coils = chosen(
-        by_coils, with_tracker, nominal, P, came.attitude, past, u.em_age, mean[:3], R_e, e.gate
+        by_coils, with_tracker, nominal, P, came.attitude, past, age, mean[:3], R_e, e.gate
     )
 
     # Where metal bends the tracker's attitude, it mostly bends the vertical, too.
@@ -580,7 +601,8 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         count=ca.if_else(ca.logic_or(fresh, due), 0, g.count),
     )
     state = Nominal.unpack(nominal)
-    attitude = rotations.multiply(state.attitude, g.turn)
+    rate = sample.sensed[:3] - state.rate_bias
+    (attitude,) = sources.recorded("now", now, state.attitude, g.turn, rate * e.lag)
     variances = ca.fmax(ca.diag(P), 0) + sources.NOTHING
     sigma = {name: ca.sqrt(variances[place]) for name, place in SPACE.places.items()}
     attitude_sigma = ca.sqrt(variances[SPACE.places["attitude"]] + g.variance)
@@ -598,8 +620,8 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             disturbed=disturbed,
         ),
         Out(
-            attitude=rotations.canonical(attitude),
-            body_rate=sample.sensed[:3] - state.rate_bias,
+            attitude=attitude,
+            body_rate=rate,
             rate_bias=state.rate_bias,
             distortion=state.distortion,
             mounting=rotations.canonical(state.mounting),

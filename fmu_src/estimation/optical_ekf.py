@@ -11,12 +11,17 @@
 | a, a_b | angular acceleration and bias rate: white noise |
 | w_m, q_m | from the gyro and the tracker |
 | q_then | attitude when the tracker exposed, by the turns since |
+| t_g | lag of the gyro behind the tracker's clock [s] |
 | v_w, v_q | noise of a sample |
 
 C23's ten states have nine degrees of freedom: the error of q is a rotation vector in B, so the
 covariance is not singular. The gyro gives the body rate, so the turn is on the right of q (the
 paper has it on the left). C23 holds both measurements during an occlusion (zero-order hold, 3.2);
 here nothing is measured then, and the filter turns on with the gyro's rate, less the bias.
+
+The state is as old as the gyro's samples, by t_g; q as given out is carried on to now with the
+rate. t_g is known where `lag_sigma` is zero, else one more state: a millisecond is 0.3 deg at
+5 rad/s.
 
 In C23's experiment the gyro has a sample every second one of the tracker's 16 ms intervals, and the
 filter runs at the slower of both; here each is taken when it comes, at any rates. A gyro that is
@@ -38,9 +43,11 @@ class Nominal(State):
     attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
     rate = real("rad/s", "w in B", shape=3)
     rate_bias = real("rad/s", "b in B", shape=3)
+    lag = real("s", "t_g, by which the gyro is behind the tracker's clock")
 
 
 SPACE = Space(Nominal, "attitude")
+SIZE = SPACE.error_size
 FILTER = Extended(SPACE)
 
 
@@ -70,6 +77,8 @@ class Params(Parameters):
         max=1.0,
     )
     bias_sigma = real("rad/s", "of b at the start", start=0.02, min=0.0, max=1.0)
+    lag = real("s", "t_g", start=0.0, min=-0.05, max=0.05)
+    lag_sigma = real("s", "of t_g at the start", start=0.0, min=0.0, max=0.1)
     rate_sigma = real("rad/s", "of w at the start", start=1.0, min=1e-6, max=100.0)
     gate = real(
         None,
@@ -121,7 +130,7 @@ class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal: Any = Nominal
-    P = real(None, "covariance of the error", shape=(9, 9), listed=False)
+    P = real(None, "covariance of the error", shape=(SIZE, SIZE), listed=False)
     started = boolean("an attitude has come")
     unit: Any = sources.Unit
     tracked: Any = sources.Tracked
@@ -139,6 +148,8 @@ class Out(Outputs):
     attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
     body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
     rate_bias_sigma = real("rad/s", "standard deviation of b in B", shape=3, axes="xyz", min=0.0)
+    lag_seen = real("s", "lag t_g of the gyro")
+    lag_seen_sigma = real("s", "standard deviation of t_g", min=0.0)
     innovation_squared = real(
         None, "normalised innovation squared of this sample's corrections", min=0.0
     )
@@ -156,9 +167,17 @@ def gyro_residual(x: Any, u: Any) -> Any:
     return u - x.rate - x.rate_bias
 
 
-def then(x: Any, turn: Any) -> Any:
-    """Attitude before a turn, (4,)."""
-    return rotations.multiply(x.attitude, rotations.conjugate(turn))
+def then(x: Any, u: Any) -> Any:
+    """Attitude when the tracker exposed, (4,).
+
+    Args:
+        x: nominal state.
+        u: turn since an instant that was kept (4,), and how much later the tracker exposed, but
+            for the lag [s].
+    """
+    before = rotations.multiply(x.attitude, rotations.conjugate(u[:4]))
+    rest = rotations.from_rotation_vector(x.rate * (u[4] + x.lag))
+    return rotations.multiply(before, rest)
 
 
 def optical_residual(x: Any, u: Any) -> Any:
@@ -172,14 +191,15 @@ def optical_residual(x: Any, u: Any) -> Any:
 
 
 def process_noise(p: Params, T: float) -> Any:
-    """What white angular acceleration and bias rate add in a sample, (9, 9)."""
+    """What white angular acceleration and bias rate add in a sample, (SIZE, SIZE)."""
     s = p.angular_acceleration**2 / 2
     eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
-    return ca.vertcat(
+    moved = ca.vertcat(
         ca.horzcat(s * T**3 / 3 * eye, s * T**2 / 2 * eye, none),
         ca.horzcat(s * T**2 / 2 * eye, s * T * eye, none),
         ca.horzcat(none, none, p.bias_walk**2 * T * eye),
     )
+    return ca.diagcat(moved, ca.MX(1, 1))
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
@@ -205,7 +225,8 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     arrival = sources.arrival(x.tracked, past, u.optical_attitude, u.optical_new, u.optical_age, T)
 
     def by_tracker(nominal: Any, P: Any, z: Any, past: Any, age: Any, R: Any, gate: Any) -> Any:
-        turn = sources.since(past, age, T)
+        behind = ca.fmax(age - Nominal.unpack(nominal).lag, 0)
+        turn = ca.vertcat(sources.since(past, behind, T), behind - age)
         known = sources.measured("then", _then, nominal, turn, z)
         found = FILTER.correct(optical_residual, nominal, known, P, R, gate)
         return found.x, found.P, found.squared
@@ -214,9 +235,18 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     begins = ca.logic_or(ca.logic_not(x.started), x.tracked.doubted > p.astray)
     first = ca.logic_and(arrival.taken, begins)
     nominal = ca.if_else(
-        first, ca.vertcat(arrival.attitude, ca.if_else(usable, u.rate, 0), still), nominal
+        first,
+        ca.vertcat(arrival.attitude, ca.if_else(usable, u.rate, 0), still, p.lag),
+        nominal,
     )
-    begun = ca.diag(SPACE.diagonal(attitude=1.0, rate=p.rate_sigma**2, rate_bias=p.bias_sigma**2))
+    begun = ca.diag(
+        SPACE.diagonal(
+            attitude=1.0,
+            rate=p.rate_sigma**2,
+            rate_bias=p.bias_sigma**2,
+            lag=p.lag_sigma**2,
+        )
+    )
     P = ca.if_else(first, begun, P)
     R_q = p.optical_sigma**2 * ca.DM.eye(3)
     nominal, P, optical_squared = chosen(
@@ -231,12 +261,18 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     P = ca.if_else(started, P, x.P)
 
     sigma = ca.sqrt(ca.fmax(ca.diag(P), 0) + sources.NOTHING)
+    (attitude,) = sources.recorded(
+        "now",
+        lambda q, turn: rotations.multiply(q, rotations.from_rotation_vector(turn)),
+        state.attitude,
+        state.rate * state.lag,
+    )
     well_known = ca.mmax(sigma[:3]) < p.attitude_limit
     measured = ca.logic_and(arrival.taken, ca.logic_not(first))
     return (
         X(nominal=state, P=P, started=started, unit=sample.unit, tracked=tracked),
         Out(
-            attitude=rotations.canonical(state.attitude),
+            attitude=rotations.canonical(attitude),
             body_rate=state.rate,
             rate_bias=state.rate_bias,
             valid=ca.logic_and(started, well_known),
@@ -244,7 +280,9 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             optical_lost=arrival.tracked.quiet > p.occlusion_limit,
             attitude_sigma=sigma[:3],
             body_rate_sigma=sigma[3:6],
-            rate_bias_sigma=sigma[6:],
+            rate_bias_sigma=sigma[6:9],
+            lag_seen=state.lag,
+            lag_seen_sigma=sigma[9],
             innovation_squared=ca.fmax(squared + measured * optical_squared, 0),
             innovation_size=3 * counted + 3 * measured,
         ),

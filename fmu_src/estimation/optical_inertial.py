@@ -52,7 +52,7 @@ LONG = 1e3
 """Longest time that is counted [s]."""
 OPEN = 1e6
 """Gate that nothing is beyond: a pose is not doubted twice, the state may be what is wrong."""
-MARKERS = 4
+MARKERS = len(design.MARKERS)
 POSE, MARKER = 6, 3 * MARKERS
 """Sizes of the residuals."""
 
@@ -137,7 +137,9 @@ class Tracker(Parameters):
     flicker_memory = real("s", "in which o_f changes", start=0.05, min=1e-3, max=1e4)
     attitude_offset_sigma = real("rad", "of o_q", start=1e-3, min=0.0, max=0.1)
     attitude_offset_memory = real("s", "in which o_q changes", start=1.0, min=1e-3, max=1e4)
-    markers = real("m", "r_i in O, one a row", shape=(MARKERS, 3), min=-1.0, max=1.0)
+    markers = real(
+        "m", "r_i in O, one a row", shape=(MARKERS, 3), start=design.MARKERS, min=-1.0, max=1.0
+    )
     gate = real(
         None,
         "normalised innovation squared for each degree of freedom, beyond which a pose counts less"
@@ -228,9 +230,13 @@ class Out(Outputs):
     valid = boolean("the pose may be used")
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     optical_lost = boolean("no pose or marker could be used of late")
-    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    position_sigma = real("m", "standard deviation of p in W", shape=3, axes="xyz", min=0.0)
-    velocity_sigma = real("m/s", "standard deviation of v in W", shape=3, axes="xyz", min=0.0)
+    attitude_sigma = real("rad", "standard deviation of q_WO in O", shape=3, axes="xyz", min=0.0)
+    position_sigma = real(
+        "m", "standard deviation of the position in W", shape=3, axes="xyz", min=0.0
+    )
+    velocity_sigma = real(
+        "m/s", "standard deviation of the velocity in W", shape=3, axes="xyz", min=0.0
+    )
     rate_bias = real("rad/s", "b_g in B", shape=3, axes="xyz")
     rate_bias_sigma = real("rad/s", "its standard deviation", shape=3, axes="xyz", min=0.0)
     force_bias = real("m/s2", "b_a in B", shape=3, axes="xyz")
@@ -504,12 +510,12 @@ def make(name: str, method: Filter) -> Model:
         unseen = ca.if_else(used, 0, x.unseen + T)
 
         state = Nominal.unpack(nominal)
-        q_now, p_now, v_now, w_now = _now()(nominal, sensed, pending)
-        sigma = ca.sqrt(ca.fmax(ca.diag(P), 0))
-        part = {name: sigma[place] for name, place in SPACE.places.items()}
+        q_now, p_now, v_now, w_now, slope = _now()(nominal, sensed, pending)
+        of_pose = _root(ca.sum2((slope @ P) * slope))
+        of_state = _root(ca.diag(P))
+        part = {name: of_state[place] for name, place in SPACE.places.items()}
         known_well = ca.logic_and(
-            ca.mmax(part["position"]) < p.position_limit,
-            ca.mmax(part["attitude"]) < p.attitude_limit,
+            ca.mmax(of_pose[:3]) < p.attitude_limit, ca.mmax(of_pose[3:6]) < p.position_limit
         )
         following = X(
             nominal=state,
@@ -533,6 +539,9 @@ def make(name: str, method: Filter) -> Model:
             valid=ca.logic_and(started, known_well),
             inertial_lost=lost,
             optical_lost=ca.logic_or(unseen > tracker.patience, ca.logic_not(started)),
+            attitude_sigma=of_pose[:3],
+            position_sigma=of_pose[3:6],
+            velocity_sigma=of_pose[6:],
             **{f"{name}_sigma": part[name] for name in _TOLD},
             rate_bias=state.rate_bias,
             force_bias=state.force_bias,
@@ -548,9 +557,6 @@ def make(name: str, method: Filter) -> Model:
 
 
 _TOLD = (
-    "attitude",
-    "position",
-    "velocity",
     "rate_bias",
     "force_bias",
     "lever",
@@ -558,7 +564,11 @@ _TOLD = (
     "rate_lag",
     "force_lag",
 )
-"""States whose standard deviations are outputs."""
+"""States whose standard deviations are outputs, beside those of the pose."""
+
+
+def _root(variance: Any) -> Any:
+    return ca.sqrt(ca.fmax(variance, 0))
 
 
 def _process_noise(
@@ -629,10 +639,19 @@ def _start_variance(p: Params) -> Any:
 
 
 def _now() -> ca.Function:
-    """(state, sample, time since it) -> pose of this instant: q_WO, position, velocity, w."""
+    """(state, sample, time since it) -> pose of this instant, and how errors of a state change it.
+
+    Results: q_WO, position and velocity of the tracked body, w; slope of the errors of the first
+    three, attitude in O, (9, n).
+    """
     x, sensed, pending = ca.SX.sym("x", SPACE.size), ca.SX.sym("sensed", 6), ca.SX.sym("pending")
-    state = Nominal.unpack(x)
-    attitude, position, velocity = pose(state, ca.DM(Back.NONE), sensed, pending)
+    e = ca.SX.sym("e", SPACE.error_size)
+    state, other = Nominal.unpack(x), Nominal.unpack(SPACE.moved(x, e))
+    here = pose(state, ca.DM(Back.NONE), sensed, pending)
+    there = pose(other, ca.DM(Back.NONE), sensed, pending)
+    turned = rotations.multiply(rotations.conjugate(here[0]), there[0])
+    apart = ca.vertcat(rotations.to_rotation_vector(turned), *there[1:])
+    slope = ca.substitute(ca.jacobian(apart, e), e, ca.DM.zeros(SPACE.error_size))
     rate, _ = rate_and_force(state, sensed)
-    results = [rotations.canonical(attitude), position, velocity, rate]
+    results = [rotations.canonical(here[0]), *here[1:], rate, ca.simplify(slope)]
     return ca.Function("now", [x, sensed, pending], results, {"cse": True})

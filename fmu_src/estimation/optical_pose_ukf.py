@@ -146,8 +146,12 @@ class Out(Outputs):
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     optical_lost = boolean("no pose could be used of late")
     attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    position_sigma = real("m", "standard deviation of p in W", shape=3, axes="xyz", min=0.0)
-    velocity_sigma = real("m/s", "standard deviation of v in W", shape=3, axes="xyz", min=0.0)
+    position_sigma = real(
+        "m", "standard deviation of the position in W", shape=3, axes="xyz", min=0.0
+    )
+    velocity_sigma = real(
+        "m/s", "standard deviation of the velocity in W", shape=3, axes="xyz", min=0.0
+    )
     acceleration_sigma = real("m/s2", "standard deviation of a in W", shape=3, axes="xyz", min=0.0)
     body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
     innovation_squared = real(
@@ -245,12 +249,13 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     unseen = ca.if_else(taken, 0, x.unseen + T)
 
     state = Nominal.unpack(nominal)
-    sigma = ca.sqrt(ca.fmax(ca.diag(P), 0) + sources.NOTHING)
+    R = rotations.matrix(state.attitude)
+    sigma = _root(ca.diag(P))
     part = {name: sigma[place] for name, place in SPACE.places.items()}
+    part |= _of_body(state, R, p.lever, P)
     known_well = ca.logic_and(
         ca.mmax(part["position"]) < p.position_limit, ca.mmax(part["attitude"]) < p.attitude_limit
     )
-    R = rotations.matrix(state.attitude)
     following = X(
         nominal=state,
         P=P,
@@ -273,6 +278,22 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         innovation_squared=ca.fmax(inertial_squared + squared, 0),
         innovation_size=INERTIAL * sensed + POSE * usable,
     )
+
+
+def _root(variance: Any) -> Any:
+    return ca.sqrt(ca.fmax(variance, 0) + sources.NOTHING)
+
+
+def _of_body(x: Nominal, R: Any, lever: Any, P: Any) -> dict[str, Any]:
+    """Standard deviations of position and velocity of the tracked body, (3,) each."""
+    eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
+    arm = -R @ rotations.skew(lever)
+    turned = -R @ rotations.skew(ca.cross(x.body_rate, lever))
+    slopes = {
+        "position": ca.horzcat(eye, none, none, arm, none),
+        "velocity": ca.horzcat(none, eye, none, turned, arm),
+    }
+    return {name: _root(ca.sum2((H @ P) * H)) for name, H in slopes.items()}
 
 
 def _twice(first: Any, second: Any) -> Any:

@@ -47,3 +47,7 @@ STACK_VOLTS = 100.0
 """Largest voltage of a P-885.50 stack [V] (A04 6.2); 0 V and up only."""
 STACK_STROKE = 15e-6
 """Its stroke at that voltage [m] (A04 6.2)."""
+
+MARKERS = ((0.035, 0.0, 0.0), (-0.03, 0.045, 0.01), (-0.03, -0.04, -0.005), (0.0, 0.01, -0.06))
+"""Places of an optical tracker's markers in B [m] (chosen): sides of 70 to 86 mm, all different, so
+that none is mistaken."""

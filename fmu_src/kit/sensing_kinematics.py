@@ -35,7 +35,7 @@ CHANNELS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
 """Accelerometer channels in the order of all vectors of six."""
 PLACES = ((0, 0), (0, 2), (1, 1), (1, 2), (2, 0), (2, 1))
 """Site and axis of each channel, both from 0."""
-_PAIRS = ((0, 4), (2, 5), (1, 3))
+PAIRS = ((0, 4), (2, 5), (1, 3))
 """Channels that share the axis x, y, z; A_D is the second of a pair minus the first."""
 
 
@@ -84,12 +84,12 @@ class Geometry:
 
     def baselines(self) -> list[Any]:
         """P_13, P_23, P_12: from the first to the second site of each pair."""
-        return [self.sites[PLACES[j][0]] - self.sites[PLACES[i][0]] for i, j in _PAIRS]
+        return [self.sites[PLACES[j][0]] - self.sites[PLACES[i][0]] for i, j in PAIRS]
 
 
 def differences(f: Any) -> ca.SX:
     """A_D of six specific forces, (3,) (A04 2.42)."""
-    return ca.vertcat(*(f[j] - f[i] for i, j in _PAIRS))
+    return ca.vertcat(*(f[j] - f[i] for i, j in PAIRS))
 
 
 def lever_matrix(geometry: Geometry) -> ca.SX:
@@ -167,7 +167,7 @@ def compound(f: Any, variances: Any) -> ca.SX:
     return ca.vertcat(
         *(
             (variances[j] * f[i] + variances[i] * f[j]) / (variances[i] + variances[j])
-            for i, j in _PAIRS
+            for i, j in PAIRS
         )
     )
 

@@ -1,7 +1,8 @@
 """Units as FMI 2.0 writes them: `m/s2`, `rad/s`, `V`, products with a dot, powers as digits.
 
 A unit is a name; its seven base exponents (and `rad`) follow from parsing the name, so that no
-table of compound units has to be kept. Ports carry SI only, so every factor is 1.
+table of compound units has to be kept. Ports carry SI only, so every factor is 1; temperatures are
+in degC, the one unit with an offset, and what goes with a temperature is per K.
 """
 
 import re
@@ -17,8 +18,36 @@ _DERIVED: Mapping[str, Mapping[str, int]] = {
     "N": {"kg": 1, "m": 1, "s": -2},
     "V": {"kg": 1, "m": 2, "s": -3, "A": -1},
     "T": {"kg": 1, "s": -2, "A": -1},
+    "degC": {"K": 1},
 }
+OFFSETS: Mapping[str, float] = {"degC": 273.15}
+"""What is added to a value to have it in base units."""
 _FACTOR = re.compile(r"(?P<symbol>[A-Za-z]+)(?P<power>\d+(\.\d+)?)?$")
+
+
+@cache
+def exponents(unit: str) -> dict[str, float]:
+    """Exponents of the SI base units, without zeros, whole or not.
+
+    Raises:
+        SteadytipError: the name does not parse, or holds an unknown symbol.
+
+    >>> exponents("m/s2/Hz0.5")
+    {'m': 1.0, 's': -1.5}
+    """
+    total: Counter[str] = Counter()
+    for sign, part in _signed_factors(unit):
+        found = _FACTOR.match(part)
+        symbol = found["symbol"] if found else part
+        if found is None or (symbol not in BASE and symbol not in _DERIVED):
+            known = ", ".join((*BASE, *_DERIVED))
+            raise SteadytipError(
+                f"unit '{unit}': '{part}' is not one of {known}, with or without a power"
+            )
+        power = float(found["power"] or 1)
+        for base, exponent in _DERIVED.get(symbol, {symbol: 1}).items():
+            total[base] += sign * power * exponent  # type: ignore[assignment]
+    return {base: float(total[base]) for base in BASE if total[base]}
 
 
 @cache
@@ -33,22 +62,10 @@ def base_exponents(unit: str) -> dict[str, int] | None:
     >>> base_exponents("m/s2")
     {'m': 1, 's': -2}
     """
-    total: Counter[str] = Counter()
-    whole = True
-    for sign, part in _signed_factors(unit):
-        found = _FACTOR.match(part)
-        symbol = found["symbol"] if found else part
-        if found is None or (symbol not in BASE and symbol not in _DERIVED):
-            known = ", ".join((*BASE, *_DERIVED))
-            raise SteadytipError(
-                f"unit '{unit}': '{part}' is not one of {known}, with or without a power"
-            )
-        power = float(found["power"] or 1)
-        for base, exponent in _DERIVED.get(symbol, {symbol: 1}).items():
-            amount = sign * power * exponent
-            whole &= amount == int(amount)
-            total[base] += int(amount)
-    return {base: total[base] for base in BASE if total[base]} if whole else None
+    found = exponents(unit)
+    if any(power != int(power) for power in found.values()):
+        return None
+    return {base: int(power) for base, power in found.items()}
 
 
 def _signed_factors(unit: str) -> list[tuple[int, str]]:

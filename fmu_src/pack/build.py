@@ -5,7 +5,9 @@ import hashlib
 import importlib
 import importlib.metadata
 import pkgutil
-from collections.abc import Callable, Collection, Iterable
+import sys
+from collections.abc import Callable, Collection, Iterable, Iterator
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 
@@ -92,16 +94,42 @@ def _build_one(
     name: str, flavour: str, platforms: list[str], folder: Path, progress: Callable[[str], None]
 ) -> Path:
     path = folder / f"{name}.fmu"
+    sources, _, _, enough = _known(path, platforms)
+    if sources == _SOURCES and enough:
+        return path
+    folder.mkdir(parents=True, exist_ok=True)
+    with _alone(path.with_suffix(".lock")):
+        return _build_alone(name, flavour, platforms, path, progress)
+
+
+def _known(path: Path, platforms: list[str]) -> tuple[str, str, str, bool]:
+    """What an FMU was built of, and for, and whether that will do for some platforms."""
     stamp = path.with_suffix(".stamp")
     known = stamp.read_text(encoding="utf-8").split() if path.is_file() and stamp.is_file() else []
     sources, packing, built = (*known, "", "", "")[:3]
     # An FMU for more platforms than are asked for will do.
-    enough = bool(known) and set(platforms) <= set(built.split(","))
-    if sources == _SOURCES and enough:
-        return path
+    return sources, packing, built, bool(known) and set(platforms) <= set(built.split(","))
 
+
+@contextmanager
+def _alone(lock: Path) -> Iterator[None]:
+    """Until another process that holds the lock has built, where the system has such locks."""
+    with lock.open("w") as file:
+        if sys.platform != "win32":
+            import fcntl
+
+            fcntl.flock(file, fcntl.LOCK_EX)
+        yield
+
+
+def _build_alone(
+    name: str, flavour: str, platforms: list[str], path: Path, progress: Callable[[str], None]
+) -> Path:
     from fmu_src.pack import csource, description, documents, python_flavour
 
+    sources, packing, built, enough = _known(path, platforms)
+    if sources == _SOURCES and enough:
+        return path
     model = load_model(name)
     guid = description.content_guid(model, csource.sources(model, ""))
     # What makes an FMU of a model, beside the model: this package and the tools it calls.
@@ -114,7 +142,7 @@ def _build_one(
             files = native.files(model, guid, platforms, _BUILD / "c")
         archive.write(path, {**files, **documents.files(model, flavour)})
         built = ",".join(platforms or ["any"])
-    stamp.write_text(f"{_SOURCES} {wanted} {built}", encoding="utf-8")
+    path.with_suffix(".stamp").write_text(f"{_SOURCES} {wanted} {built}", encoding="utf-8")
     return path
 
 

@@ -15,7 +15,7 @@ from lxml import etree
 from fmu_src import RELEASED, __version__
 from fmu_src.kit import Model
 from fmu_src.kit.records import Scalar
-from fmu_src.kit.units import base_exponents
+from fmu_src.kit.units import OFFSETS, base_exponents
 
 LICENSE = "Apache-2.0"
 COPYRIGHT = f"Copyright {RELEASED[:4]} the authors of Steadytip"
@@ -117,6 +117,7 @@ def _units(root: etree._Element, model: Model) -> None:
         exponents = base_exponents(name)
         if exponents is not None:
             base = {symbol: str(power) for symbol, power in exponents.items()}
+            base |= {"offset": repr(OFFSETS[name])} if name in OFFSETS else {}
             etree.SubElement(unit, "BaseUnit", **base)
         for other, factor in DISPLAY_UNITS.get(name, {}).items():
             etree.SubElement(unit, "DisplayUnit", name=other, factor=repr(factor))

@@ -16,7 +16,16 @@ from harness.errors import ProblemsError, SteadytipError
 from harness.identify.tables import LENGTHS, TIMES, VOLTAGES, Role, Table, find_columns, read_table
 from harness.parts import FloatArray
 
-__all__ = ["Choice", "Response", "check", "read_response", "runs", "turning_points"]
+__all__ = [
+    "TIME_WORDS",
+    "Choice",
+    "Response",
+    "check",
+    "read_response",
+    "runs",
+    "time_problems",
+    "turning_points",
+]
 
 FEWEST_SAMPLES = 500
 """Less than that holds no loops of every size."""
@@ -48,7 +57,8 @@ _DISPLACEMENT = (
     *("displacement", "stroke", "disp", "position", "pos", "measured", "output"),
     *("z", "y", "x", "d"),
 )
-_TIME = ("time", "t", "timestamp", "seconds")
+TIME_WORDS = ("time", "t", "timestamp", "seconds")
+"""Headings of a column of times."""
 
 
 @dataclass(frozen=True)
@@ -125,7 +135,7 @@ def read_response(path: Path, choice: Choice, fewest_reversals: int) -> Response
              choice.displacement_unit),
     ]  # fmt: skip
     if choice.rate is None:
-        roles.insert(0, Role("time", _TIME, TIMES, "s", choice.time, choice.time_unit, True))
+        roles.insert(0, Role("time", TIME_WORDS, TIMES, "s", choice.time, choice.time_unit, True))
     found = find_columns(table, roles)
     signals = {role: values for role, (values, _) in found.items()}
     words = {role: text for role, (_, text) in found.items()}
@@ -213,7 +223,7 @@ def check(
         )
     if problems:  # nothing else can be said about such columns
         raise ProblemsError(where, problems)
-    problems += _time_problems(time, place)
+    problems += time_problems(time, place)
     moving = list(_range_problems(volts, stroke))
     problems += moving
     if not moving:
@@ -258,7 +268,8 @@ def turning_points(values: FloatArray, dead_band: float) -> FloatArray:
     return np.array([*found, len(listed) - 1])
 
 
-def _time_problems(time: FloatArray, place: Callable[[int], str]) -> Iterator[str]:
+def time_problems(time: FloatArray, place: Callable[[int], str]) -> Iterator[str]:
+    """What is wrong with the times of samples [s], (n,), in sentences with a cure."""
     steps = np.diff(time)
     back, twice = np.flatnonzero(steps < 0), np.flatnonzero(steps == 0)
     if back.size:

@@ -1,19 +1,21 @@
-"""Parameter sets (`.ssv`) of what was identified."""
+"""Files of identification: parameter sets (`.ssv`) of what was found, tables to find it in."""
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+
+import numpy as np
 
 from fmu_src.kit import SteadytipError, range_text
 from fmu_src.kit.records import Scalar
-from fmu_src.kit.units import BASE, base_exponents
+from fmu_src.kit.units import BASE, OFFSETS, base_exponents
 from harness.errors import ProblemsError
-from harness.parts import Unit
+from harness.parts import FloatArray, Unit
 from harness.parts.ssv import SsvValue, write_ssv
 from harness.record import reason, replacing
 
-__all__ = ["write_scalars"]
+__all__ = ["write_scalars", "write_table"]
 
 
 def write_scalars(path: Path, found: Iterable[tuple[Scalar, float]], refusal: str) -> Path:
@@ -50,8 +52,39 @@ def write_scalars(path: Path, found: Iterable[tuple[Scalar, float]], refusal: st
     return path
 
 
+def write_table(
+    path: Path, headings: Sequence[str], table: FloatArray, formats: Sequence[str]
+) -> Path:
+    """Write a recording as CSV, or as Parquet where the file's ending says so.
+
+    Args:
+        path: file to write.
+        headings: one for each column, as in `volts [V]`.
+        table: (rows, columns).
+        formats: of the columns in CSV, as in `%.5f`.
+
+    Raises:
+        SteadytipError: the file cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as part:
+            if path.suffix == ".parquet":
+                import pyarrow as pa
+                from pyarrow import parquet
+
+                columns = {name: table[:, i] for i, name in enumerate(headings)}
+                parquet.write_table(pa.table(columns), part)
+            else:
+                np.savetxt(part, table, list(formats), ",", header=",".join(headings), comments="")
+    except OSError as error:
+        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
+    return path
+
+
 def _unit(name: str | None) -> Unit | None:
     exponents = base_exponents(name) if name else None
     if name is None or exponents is None:
         return None
-    return Unit(name, tuple(exponents.get(base, 0) for base in BASE))
+    powers = tuple(exponents.get(base, 0) for base in BASE)
+    return Unit(name, powers, offset=OFFSETS.get(name, 0.0))

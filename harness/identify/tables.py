@@ -7,6 +7,7 @@ found by their headings (`time [s], volts [V], stroke [um]`) or chosen by name o
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -14,23 +15,53 @@ from pathlib import Path
 
 import numpy as np
 
+from fmu_src.kit.design import STANDARD_GRAVITY
 from harness.errors import SteadytipError, nearest
 from harness.parts import FloatArray
 
-__all__ = ["LENGTHS", "TIMES", "VOLTAGES", "Role", "Table", "find_columns", "read_table"]
+__all__ = [
+    "ANGLES",
+    "LENGTHS",
+    "QUANTITIES",
+    "TEMPERATURES",
+    "TIMES",
+    "VOLTAGES",
+    "Role",
+    "Table",
+    "find_columns",
+    "read_table",
+]
 
 LENGTHS: Mapping[str, float] = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
 VOLTAGES: Mapping[str, float] = {"V": 1.0, "mV": 1e-3, "kV": 1e3}
 TIMES: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-"""Factors to SI by the unit's name."""
+ANGLES: Mapping[str, float] = {"rad": 1.0, "deg": math.pi / 180}
+TEMPERATURES: Mapping[str, float] = {"degC": 1.0}
+_ACCELERATIONS = {"m/s2": 1.0, "mg": 1e-3 * STANDARD_GRAVITY, "g": STANDARD_GRAVITY}
+_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180}
+_FIELDS = {"T": 1.0, "uT": 1e-6, "nT": 1e-9, "gauss": 1e-4}
+QUANTITIES: Mapping[str, Mapping[str, float]] = {
+    "m": LENGTHS,
+    "V": VOLTAGES,
+    "s": TIMES,
+    "rad": ANGLES,
+    "degC": TEMPERATURES,
+    "m/s2": _ACCELERATIONS,
+    "rad/s": _RATES,
+    "T": _FIELDS,
+}
+"""Factors to SI by the unit's name, of each SI unit."""
 
-_KNOWN_UNITS = (*LENGTHS, *VOLTAGES, *TIMES)
+_KNOWN_UNITS = tuple(unit for units in QUANTITIES.values() for unit in units)
 _HEADING = re.compile(r"^\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*$")
 _SUFFIX = re.compile(r"^(?P<name>.+?)[_ ]+(?:in[_ ]+)?(?P<unit>[a-zA-Zµμ]+)$")
 _PREAMBLE = 200  # lines above the numbers, at most
 _COMMENT = "#%"
 _SPELLINGS = {
     **{"volt": "V", "volts": "V", "v": "V", "mv": "mV", "kv": "kV"},
+    **{"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad"},
+    **{"°c": "degC", "celsius": "degC", "degc": "degC", "dps": "deg/s", "°/s": "deg/s"},
+    **{"m/s^2": "m/s2", "m/s²": "m/s2", "ut": "uT", "nt": "nT"},
     **{"sec": "s", "seconds": "s", "micron": "um", "microns": "um", "metre": "m", "meter": "m"},
 }
 
@@ -47,6 +78,8 @@ class Role:
         column: name or number (from 1) of the column; None to find it.
         unit: one of the units; None for what the heading says.
         optional: whether a table may do without.
+        option: that chooses the column, where its name is another; the same of the unit.
+        unit_option: see `option`.
     """
 
     name: str
@@ -56,6 +89,13 @@ class Role:
     column: str | None = None
     unit: str | None = None
     optional: bool = False
+    option: str = ""
+    unit_option: str = ""
+
+    @property
+    def choice(self) -> str:
+        """What chooses the column on the command line."""
+        return f"--{self.option or self.name}"
 
 
 @dataclass(frozen=True)
@@ -93,8 +133,15 @@ class Table:
         return ", ".join(self.column(index) for index in range(len(self.headings)))
 
 
-def read_table(path: Path) -> Table:
+def read_table(
+    path: Path, fewest: int = 2, needed: str = "two are needed, voltage and displacement"
+) -> Table:
     """Read a table; nothing is repaired.
+
+    Args:
+        path: the file.
+        fewest: columns of numbers that it has at least.
+        needed: the same in words.
 
     Raises:
         SteadytipError: no such file, no columns of numbers, ragged rows, or texts between numbers.
@@ -102,7 +149,7 @@ def read_table(path: Path) -> Table:
     if not path.is_file():
         what = "is a folder; name a file in it" if path.is_dir() else "does not exist"
         raise SteadytipError(f"recording {path} {what}")
-    return _read_parquet(path) if path.suffix == ".parquet" else _read_text(path)
+    return _read_parquet(path) if path.suffix == ".parquet" else _read_text(path, fewest, needed)
 
 
 def find_columns(table: Table, roles: Sequence[Role]) -> dict[str, tuple[FloatArray, str]]:
@@ -121,9 +168,7 @@ def find_columns(table: Table, roles: Sequence[Role]) -> dict[str, tuple[FloatAr
             unit that is missing or unknown.
     """
     found = {
-        role.name: _chosen(table, role.name, role.column)
-        for role in roles
-        if role.column is not None
+        role.name: _chosen(table, role, role.column) for role in roles if role.column is not None
     }
     for role in roles:
         index = None if role.name in found else _by_heading(table, role, set(found.values()))
@@ -137,15 +182,17 @@ def find_columns(table: Table, roles: Sequence[Role]) -> dict[str, tuple[FloatAr
         if any(table.headings) or not free:
             raise SteadytipError(
                 f"recording {table.path}: no column is called like {role.name}; choose it with "
-                f"--{role.name} (there are: {table.columns})"
+                f"{role.choice} (there are: {table.columns})"
             )
         found[role.name] = free.pop(0)
     taken: dict[int, str] = {}
+    choices = {role.name: role.choice for role in roles}
     for name, index in found.items():
         if index in taken:
             raise SteadytipError(
                 f"recording {table.path}: {table.column(index)} cannot be {taken[index]} and "
-                f"{name}; give --{taken[index]} and --{name} (there are: {table.columns})"
+                f"{name}; give {choices[taken[index]]} and {choices[name]} (there are: "
+                f"{table.columns})"
             )
         taken[index] = name
     signals = {}
@@ -179,7 +226,7 @@ def _read_parquet(path: Path) -> Table:
     return Table(path, tuple(names), tuple(units), np.column_stack(columns), lines, "row")
 
 
-def _read_text(path: Path) -> Table:
+def _read_text(path: Path, fewest: int, needed: str) -> Table:
     try:
         content = path.read_bytes()
     except OSError as error:
@@ -195,31 +242,35 @@ def _read_text(path: Path) -> Table:
     rows = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if not rows:
         raise SteadytipError(f"recording {path} is empty")
-    begin, delimiter, comma = _begin(path, rows)
+    begin, delimiter, comma = _begin(path, rows, fewest, needed)
     headings, units = _headings(rows[:begin], delimiter, len(_cut(rows[begin][1], delimiter)))
     body = [(n, line) for n, line in rows[begin:] if line.lstrip()[0] not in _COMMENT]
     values = _numbers(path, body, delimiter, comma, headings)
     return Table(path, headings, units, values, np.array([float(n) for n, _ in body]))
 
 
-def _begin(path: Path, rows: Sequence[tuple[int, str]]) -> tuple[int, str | None, bool]:
+def _begin(
+    path: Path, rows: Sequence[tuple[int, str]], fewest: int, needed: str
+) -> tuple[int, str | None, bool]:
     """First row of numbers, the separator, and whether there are decimal commas."""
-    for index, (_, line) in enumerate(rows[:_PREAMBLE]):
-        if line.lstrip()[0] in _COMMENT:
-            continue
-        for delimiter in (";", "\t", ",", None):
-            fields = _cut(line, delimiter)
-            if len(fields) < 2:
+    # A row with one number may be cut short by the wrong separator: two or more come first.
+    for least in sorted({2, fewest}, reverse=True):
+        for index, (_, line) in enumerate(rows[:_PREAMBLE]):
+            if line.lstrip()[0] in _COMMENT:
                 continue
-            comma = delimiter != "," and any("," in field for field in fields)
-            numbers = [_is_number(field.replace(",", ".") if comma else field) for field in fields]
-            # Texts may stand beside the numbers, in a column that nobody asks for.
-            if sum(numbers) >= 2:
-                return index, delimiter, comma
+            for delimiter in (";", "\t", ",", None):
+                fields = _cut(line, delimiter)
+                if len(fields) < least:
+                    continue
+                comma = delimiter != "," and any("," in field for field in fields)
+                numbers = [_is_number(f.replace(",", ".") if comma else f) for f in fields]
+                # Texts may stand beside the numbers, in a column that nobody asks for.
+                if sum(numbers) >= least:
+                    return index, delimiter, comma
     raise SteadytipError(
         f"recording {path} has no numeric columns in its first {min(len(rows), _PREAMBLE)} lines "
-        f"(line {rows[0][0]}: '{rows[0][1].strip()[:60]}'); two are needed, voltage and "
-        "displacement, separated by commas, semicolons, tabs or blanks"
+        f"(line {rows[0][0]}: '{rows[0][1].strip()[:60]}'); {needed}, separated by commas, "
+        "semicolons, tabs or blanks"
     )
 
 
@@ -320,7 +371,7 @@ def _numbers(
     return values
 
 
-def _chosen(table: Table, role: str, text: str) -> int:
+def _chosen(table: Table, role: Role, text: str) -> int:
     names = [name.lower() for name in table.headings]
     if text and text.lower() in names:
         index = names.index(text.lower())
@@ -329,25 +380,28 @@ def _chosen(table: Table, role: str, text: str) -> int:
     else:
         hint = f"; {nearest(text, filter(None, table.headings))}" if any(names) else ""
         raise SteadytipError(
-            f"recording {table.path}: --{role} {text} is no column{hint} (there are: "
+            f"recording {table.path}: {role.choice} {text} is no column{hint} (there are: "
             f"{table.columns})"
         )
     if table.is_text(index):
         raise SteadytipError(
-            f"recording {table.path}: --{role} {text} holds no numbers; choose another one (there "
-            f"are: {table.columns})"
+            f"recording {table.path}: {role.choice} {text} holds no numbers; choose another one "
+            f"(there are: {table.columns})"
         )
     return index
 
 
 def _by_heading(table: Table, role: Role, taken: set[int]) -> int | None:
-    parts = [re.split(r"[^a-z]+", name.lower()) for name in table.headings]
+    parts = [
+        {*re.split(r"[^a-z]+", name.lower()), *re.split(r"[^a-z0-9]+", name.lower())}
+        for name in table.headings
+    ]
     for word in role.words:
         called = [i for i, words in enumerate(parts) if word in words and i not in taken]
         if len(called) > 1:
             raise SteadytipError(
                 f"recording {table.path}: {len(called)} columns are called like {role.name}; "
-                f"choose one with --{role.name} (there are: "
+                f"choose one with {role.choice} (there are: "
                 f"{', '.join(map(table.column, called))})"
             )
         if called:
@@ -359,7 +413,7 @@ def _by_heading(table: Table, role: Role, taken: set[int]) -> int | None:
 
 def _unit(table: Table, role: Role, index: int) -> str:
     unit = table.units[index] if role.unit is None else _plain_unit(role.unit)
-    cure = f"give --{role.name}-unit {'|'.join(role.units)}"
+    cure = f"give --{role.unit_option or role.name + '-unit'} {'|'.join(role.units)}"
     if not unit and not role.assumed:
         raise SteadytipError(
             f"recording {table.path}: {table.column(index)}, read as {role.name}, does not say its "

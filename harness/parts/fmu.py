@@ -200,7 +200,7 @@ class FmuPart:
         return values
 
     def _scalars(self, name: str, value: Any, problems: list[str]) -> Iterator[tuple[str, _Value]]:
-        """A scalar as it is, a list as `name[1]`, `name[2]`, ..."""
+        """A scalar as it is, a list as `name[1]`, ..., a list of rows as `name[1,1]`, ..."""
         variables = self.description.variables
         if not isinstance(value, list):
             if name in variables:
@@ -215,6 +215,9 @@ class FmuPart:
                 f"{nearest(name, settable | set(_Keys.model_fields))}"
             )
             return
+        if any(isinstance(row, list) for row in value):
+            yield from self._rows(name, value, problems)
+            return
         length = _length(variables, name)
         if length != len(value):
             problems.append(
@@ -225,6 +228,25 @@ class FmuPart:
             )
             return
         yield from ((f"{name}[{i}]", item) for i, item in enumerate(value, start=1))
+
+    def _rows(
+        self, name: str, rows: list[Any], problems: list[str]
+    ) -> Iterator[tuple[str, _Value]]:
+        """Elements of a matrix, given row by row."""
+        variables = self.description.variables
+        shape = _shape(variables, name)
+        given = [len(row) if isinstance(row, list) else 0 for row in rows]
+        if (len(rows), *set(given)) != shape:
+            problems.append(
+                f"'{name}' has {shape[0]} rows of {shape[1]}, the scenario gives rows of "
+                f"{', '.join(map(str, given))}"
+                if shape
+                else f"the FMU has no matrix '{name}'; "
+                f"{nearest(name, {n.split('[')[0] for n in variables if ',' in n})}"
+            )
+            return
+        for i, row in enumerate(rows, start=1):
+            yield from ((f"{name}[{i},{j}]", item) for j, item in enumerate(row, start=1))
 
     def _take_seed(self, seed: int) -> None:
         variable = self.description.variables.get("seed")
@@ -253,6 +275,16 @@ def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any
             yield from _flat(value, f"{prefix}{key}.")
         else:
             yield f"{prefix}{key}", value
+
+
+def _shape(variables: Mapping[str, Variable], name: str) -> tuple[int, ...]:
+    """Rows and columns of a matrix; () where there is none of that name."""
+    rows = columns = 0
+    while f"{name}[{rows + 1},1]" in variables:
+        rows += 1
+    while f"{name}[1,{columns + 1}]" in variables:
+        columns += 1
+    return (rows, columns) if rows else ()
 
 
 def _length(variables: Mapping[str, Variable], name: str) -> int:

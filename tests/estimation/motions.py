@@ -61,6 +61,12 @@ def swaying(samples, size=0.5, seed=1):
     return rates
 
 
+def there_and_back(samples, size):
+    """Rates of a hand that ends where it began, (n, 3) [rad/s]: to be repeated without a jump."""
+    there = swaying(samples // 2, size)
+    return np.vstack((there, -there[::-1]))
+
+
 def white(rng, density, samples, columns=3):
     """Samples of white noise of a one-sided density."""
     return rng.normal(size=(samples, columns)) * density / np.sqrt(2 * T)
@@ -72,10 +78,26 @@ def interval(size):
     return 1 - half, 1 + half
 
 
-def residual_function(space, residual, predict):
+def residual_function(space, residual, predict, size=4):
     """Residual of a measured attitude, as a function of state, turn since then, and measurement."""
-    x, turn, z = (ca.SX.sym(letter, n) for letter, n in (("x", space.size), ("t", 4), ("z", 4)))
+    x, turn, z = (ca.SX.sym(letter, n) for letter, n in (("x", space.size), ("t", size), ("z", 4)))
     state = space.record.unpack(x)
     expected = predict(state, turn)
     known = ca.vertcat(sources.shown(expected, z), expected, turn)
     return ca.Function("residual", [x, turn, z], [residual(state, known)])
+
+
+def slopes(space, residual, predict, size=4):
+    """Residual at a state moved by an error, and the exact one: of state, error, turn since then.
+
+    What is measured is what the state predicts, so both are zero without an error.
+    """
+    x, e, turn = (
+        ca.SX.sym(letter, n)
+        for letter, n in (("x", space.size), ("e", space.error_size), ("t", size))
+    )
+    moved = space.record.unpack(space.moved(x, e))
+    expected = predict(space.record.unpack(x), turn)
+    found = residual(moved, ca.vertcat(0, 0, 0, expected, turn))
+    exact = sources.shown(predict(moved, turn), expected)
+    return ca.Function("slopes", [x, e, turn], [found, exact])

@@ -2,10 +2,13 @@
 
 import casadi as ca
 import numpy as np
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
 from fmu_src.estimation import attitude_filter as filters
+from fmu_src.estimation import triad
 from fmu_src.kit import rotations
 
 T = 1e-3
@@ -21,7 +24,18 @@ PREDICT = function(lambda q, w: filters.predict_attitude(q, w, T), 4, 3)
 TRANSITION = function(lambda w: filters.transition(w, T), 3)
 INNOVATION = function(filters.innovation, 4, 4)
 COVARIANCE = function(lambda P, w, W: filters.predict_covariance(P, w, W, T), (6, 6), 3, (6, 6))
-CORRECT = function(filters.correct, 4, 3, (6, 6), 3, (3, 3))
+TILT = function(filters.tilt_innovation, 3)
+NORTH = function(filters.north_innovation, 3)
+TRIAD = np.hstack([np.eye(3), np.zeros((3, 3))])
+
+
+def corrected(q, b, P, residual, V):
+    """(q, b, P, normalised innovation squared) after an attitude measured by TRIAD."""
+    done = filters.correct(P, residual, ca.SX(ca.DM(TRIAD)), V)
+    return filters.moved(q, done.change), b + done.change[3:], done.P, done.squared
+
+
+CORRECT = function(corrected, 4, 3, (6, 6), 3, (3, 3))
 
 
 def quaternion(rotation: Rotation) -> np.ndarray:
@@ -54,6 +68,69 @@ def test_innovation_has_the_identity_as_jacobian() -> None:
     for i, e in enumerate(np.eye(3)):
         z = quaternion(Rotation.from_quat(q, scalar_first=True) * Rotation.from_rotvec(h * e))
         np.testing.assert_allclose(np.array(INNOVATION(q, z)).ravel() / h, np.eye(3)[i], atol=1e-6)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6))
+def test_vertical_and_north_are_what_triad_measures(seed) -> None:
+    """A04's measurement reachable: same residual, and the covariance (4.34) of any attitude.
+
+    Two numbers of the vertical and one of the field determine the attitude, so its covariance is
+    (H^T V^-1 H)^-1; that of TRIAD is written down without them.
+    """
+    rng = np.random.default_rng(seed)
+    truth = Rotation.random(random_state=seed)
+    dip = np.radians(rng.uniform(-75, 75))
+    z_B, n_B = truth.inv().apply([[0, 0, 1], [np.cos(dip), 0, -np.sin(dip)]])
+    predicted = truth * Rotation.from_rotvec(1e-5 * rng.normal(size=3))
+    R = predicted.as_matrix()
+    north, slope = (np.array(v) for v in NORTH(R @ n_B))
+    H = np.vstack([R[:2], slope @ R])
+    residual = np.r_[np.array(TILT(R @ z_B)).ravel(), north.ravel()]
+    z = quaternion(truth)
+    measured = np.array(INNOVATION(quaternion(predicted), z)).ravel()
+    np.testing.assert_allclose(np.linalg.solve(H, residual), measured, atol=1e-8)
+
+    G, N = 9e-3, 2e-3
+    V = np.diag([G**2, G**2, (N / np.cos(dip)) ** 2])
+    z_sym, n_sym = ca.SX.sym("z", 3), ca.SX.sym("n", 3)
+    theirs = ca.Function("c", [z_sym, n_sym], [triad.covariance(z_sym, n_sym, G, N)])(z_B, n_B)
+    ours = np.linalg.inv(H.T @ np.linalg.inv(V) @ H)
+    np.testing.assert_allclose(ours, np.array(theirs), atol=1e-3 * np.trace(ours))
+
+
+@settings(deadline=None)
+@given(st.integers(0, 10**6), st.floats(0, np.pi))
+def test_tilt_innovation_turns_to_the_measured_vertical_from_any_angle(seed, angle) -> None:
+    """Also upside down: after the turn that it asks for, the vertical is where it was measured."""
+    axis = np.random.default_rng(seed).normal(size=2)
+    wrong = Rotation.from_rotvec(np.r_[angle * axis / np.linalg.norm(axis), 0])
+    up = wrong.inv().apply([0, 0, 1])
+    asked = np.r_[np.array(TILT(up)).ravel(), 0]
+    np.testing.assert_allclose(Rotation.from_rotvec(asked).apply(up), [0, 0, 1], atol=1e-7)
+
+
+def test_what_a_measurement_may_not_change_keeps_its_covariance_honest() -> None:
+    """Corrections projected on one axis: the others stay, and P is that of a Monte Carlo."""
+    rng = np.random.default_rng(4)
+    root = np.tril(rng.normal(size=(6, 6))) * 1e-2
+    P0, V, H = root @ root.T, np.array([[1e-4]]), rng.normal(size=(1, 6))
+    onto = np.zeros((6, 6))
+    onto[2, 2] = onto[5, 5] = 1
+    change = function(
+        lambda P, r: filters.correct(
+            P, r, ca.SX(ca.DM(H)), ca.SX(ca.DM(V)), onto=ca.SX(ca.DM(onto))
+        )[:2],
+        (6, 6),
+        1,
+    )
+    errors = rng.multivariate_normal(np.zeros(6), P0, size=40000)
+    residuals = errors @ H.T + rng.normal(size=(40000, 1)) * 1e-2
+    gain, P = (np.array(v) for v in change(P0, 1.0))
+    assert not gain[[0, 1, 3, 4]].any()
+    left = errors - residuals @ gain.T
+    np.testing.assert_allclose(np.cov(left.T), P, atol=0.03 * np.trace(P0))
+    assert P[2, 2] < P0[2, 2]
 
 
 def test_filter_is_batch_least_squares_on_a_short_window() -> None:

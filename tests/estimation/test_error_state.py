@@ -29,7 +29,8 @@ class Turning(State):
 
 LINE, TURN = Space(Straight), Space(Turning, "attitude")
 T = 0.1
-vectors = st.lists(st.floats(-2.0, 2.0), min_size=3, max_size=3).map(np.array)
+vectors = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)
+"""Shorter than half a turn, beyond which a rotation vector is not the shortest."""
 
 
 def drive(x, u):

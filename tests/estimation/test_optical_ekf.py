@@ -16,7 +16,9 @@ from tests.estimation.motions import (
     interval,
     quaternion,
     residual_function,
+    slopes,
     swaying,
+    there_and_back,
     turning,
     white,
 )
@@ -55,22 +57,38 @@ def test_prediction_is_c23_equation_11_with_the_body_rate_on_the_right():
     x = ca.SX.sym("x", SPACE.size)
     f = ca.Function("f", [x], [process(SPACE.record.unpack(x), 0.016).pack()])
     attitude, rate = Rotation.random(random_state=3), np.array([0.4, -2.0, 1.0])
-    after = np.array(f(np.r_[quaternion(attitude), rate, BIAS])).ravel()
+    after = np.array(f(np.r_[quaternion(attitude), rate, BIAS, 0.004])).ravel()
     expected = quaternion(attitude * Rotation.from_rotvec(rate * 0.016))
-    np.testing.assert_allclose(after, [*expected, *rate, *BIAS], atol=1e-12)
+    np.testing.assert_allclose(after, [*expected, *rate, *BIAS, 0.004], atol=1e-12)
 
 
 @settings(deadline=None, max_examples=30)
 @given(st.integers(0, 10**6))
 def test_residual_of_a_late_attitude_is_its_error(seed):
-    f = residual_function(SPACE, optical_residual, then)
+    f = residual_function(SPACE, optical_residual, then, 5)
     rng = np.random.default_rng(seed)
     past, since = Rotation.random(random_state=rng), Rotation.from_rotvec(rng.normal(size=3))
     noise = rng.normal(size=3) * 0.3
     measured = past * Rotation.from_rotvec(noise)
-    state = np.r_[quaternion(past * since), np.zeros(6)]
-    found = np.array(f(state, quaternion(since), quaternion(measured))).ravel()
+    state = np.r_[quaternion(past * since), np.zeros(7)]
+    found = np.array(f(state, [*quaternion(since), 0.0], quaternion(measured))).ravel()
     np.testing.assert_allclose(found, noise, atol=1e-9)
+
+
+@settings(deadline=None, max_examples=30)
+@given(st.integers(0, 10**6))
+def test_slope_of_the_residual_is_that_of_the_prediction(seed):
+    """Errors of attitude, rate and lag at once, small: both differ by their square."""
+    rng = np.random.default_rng(seed)
+    now, since = (quaternion(Rotation.random(random_state=rng)) for _ in range(2))
+    state = [*now, *rng.normal(size=3), *BIAS, 0.004]
+    error = rng.normal(size=SPACE.error_size) * 1e-4
+    found, exact = SLOPES(state, error, [*since, -0.002])
+    assert np.abs(np.array(exact)).max() > 1e-6
+    np.testing.assert_allclose(np.array(found), np.array(exact), atol=3e-7)
+
+
+SLOPES = slopes(SPACE, optical_residual, then, 5)
 
 
 @settings(deadline=None, max_examples=12)
@@ -136,6 +154,25 @@ def test_late_attitudes_are_compared_with_then():
     truth = turning(rates)
     out = Runner(MODEL).run(3000, sensors(rates, truth, age=100))
     assert degrees(out, truth)[1500:].max() < 0.3
+
+
+@pytest.mark.parametrize("age", [0, 16])
+def test_lag_of_the_gyro_is_found(age):
+    """The gyro is 4 ms late; at 3 rad/s that is 0.7 deg, and the filter does not know it."""
+    samples, lag = 8000, 4
+    rates = swaying(samples, 2.5)
+    truth = turning(rates)
+    inputs = sensors(rates, truth, age=age)
+    inputs["rate"][lag:] = inputs["rate"][:-lag].copy()
+    wide = {"limits.rate_range": 50.0}
+    out = Runner(MODEL, wide | {"lag_sigma": 0.01}).run(samples, inputs)
+    assert out["lag_seen"][-1] == pytest.approx(lag * T, abs=3e-4)
+    assert abs(out["lag_seen"][-1] - lag * T) < 4 * out["lag_seen_sigma"][-1]
+    known = Runner(MODEL, wide | {"lag": lag * T}).run(samples, inputs)
+    unknown = Runner(MODEL, wide).run(samples, inputs)
+    for found in (out, known):
+        assert degrees(found, truth)[4000:].max() < 0.25
+    assert degrees(unknown, truth)[4000:].max() > 0.5
 
 
 def test_attitude_older_than_what_is_kept_is_not_taken():
@@ -219,18 +256,16 @@ def test_normalised_innovations_are_consistent(seed):
 
 @pytest.mark.slow
 def test_covariance_stays_positive_and_the_quaternion_unit_for_half_an_hour():
-    minutes, chunk = 30, 60_000
-    rates = swaying(chunk, 0.3)
-    base, first = turning(rates), Rotation.identity()
-    runner = CompiledRunner(MODEL)
+    rates = there_and_back(60_000, 0.3)
+    truth = turning(rates)
+    inputs = sensors(rates, truth)
+    runner = CompiledRunner(MODEL, {"lag_sigma": 5e-3})
     at = _place(MODEL, "P")
-    for minute in range(minutes):
-        truth = first * base
-        first = truth[-1]
-        out = runner.run(chunk, sensors(rates, truth, seed=minute))
+    for _ in range(30):
+        out = runner.run(len(rates), inputs)
         length = np.linalg.norm(out["attitude"], axis=1)
         assert np.abs(length - 1).max() < 1e-12
-        P = runner.x[at].reshape(9, 9)
+        P = runner.x[at].reshape(10, 10)
         np.testing.assert_array_equal(P, P.T)
         assert np.linalg.eigvalsh(P).min() > 0
         assert out["valid"][200:].all()

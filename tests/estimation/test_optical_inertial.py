@@ -74,8 +74,10 @@ def test_mean_nis_and_nees_lie_in_their_intervals(kind) -> None:
     apart = slice(round(10 / T), None, round(1 / T))
     turned = Rotation.from_quat(out["attitude"], scalar_first=True).inv() * true.rotation
     normal = turned.as_rotvec()[apart] / out["attitude_sigma"][apart]
-    low, high = stats.chi2.interval(0.999, normal.size)
-    assert low < np.sum(normal**2) < high
+    place = (out["position"] - true.body)[apart] / out["position_sigma"][apart]
+    for errors_ in (normal, place):
+        low, high = stats.chi2.interval(0.999, errors_.size)
+        assert low < np.sum(errors_**2) < high
 
 
 @pytest.mark.parametrize("kind", MODELS)

@@ -1,5 +1,6 @@
 """Scenario files: merging, overrides, and what is said about mistakes."""
 
+import re
 from pathlib import Path
 
 import pytest
@@ -308,3 +309,19 @@ def test_every_variant_of_the_bench_is_wired_and_senses_as_the_loop_does(name):
         assert ("accelerometer_noise" in scenario.parts["sensors"].settings) == noisy
         hears = {wire.source.split(".")[0] for wire in scenario.wires if "filter." in wire.target}
         assert ("instrument" in hears) == (variant == "position-known")
+
+
+def test_matrices_are_given_row_by_row(write_scenario) -> None:
+    """Of a tracker's four markers; with a row too few, with one too short, of what is none."""
+    rows = "[[1e-2, 0, 0], [0, 2e-2, 0], [0, 0, 3e-2], [0, 0, 0]]"
+    part = "[part.a]\nfmu = 'OpticalTracker'\n"
+    system = assemble(load(write_scenario(f"{part}markers = {rows}\n")))
+    values = system.parts["a"].start_values
+    assert [values[f"markers[{i},{i}]"] for i in (1, 2, 3)] == [1e-2, 2e-2, 3e-2]
+    for key, matrix, text in (
+        ("markers", "[[1, 2, 3]]", "'markers' has 4 rows of 3, the scenario gives rows of 3"),
+        ("markers", "[[0, 0], [0, 0, 0], [0, 0, 0], [0, 0, 0]]", "gives rows of 2, 3, 3, 3"),
+        ("marker", rows, "the FMU has no matrix 'marker'; did you mean 'markers'?"),
+    ):
+        with pytest.raises(ProblemsError, match=re.escape(text)):
+            assemble(load(write_scenario(f"{part}{key} = {matrix}\n")))

@@ -177,7 +177,8 @@ def test_the_shipped_loop_of_real_fmus_runs_in_wire_order():
         "controller",
     )
     left = [name for name in system.wiring.undriven if not name.startswith("hand.recorded")]
-    # Nobody holds here, and no filter stands outside.
+    # No room, no thermometer, no lost samples; nobody holds, no filter is outside.
     outside = [f"controller.external_tremor_{axis}" for axis in "xyz"]
-    assert left == [*outside, "controller.hold"]
+    room = ["sensors.ambient", "estimator.temperature", "estimator.inertial_valid"]
+    assert left == [*room, *outside, "controller.hold"]
     assert system.wiring.notes == ()

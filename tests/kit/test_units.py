@@ -16,6 +16,8 @@ from fmu_src.kit.units import base_exponents
         ("1/s", {"s": -1}),
         ("m/m", {}),
         ("m/s2/Hz0.5", None),
+        ("degC", {"K": 1}),
+        ("V/K", {"kg": 1, "m": 2, "s": -3, "A": -1, "K": -1}),
     ],
 )
 def test_exponents_follow_from_the_name(unit, exponents) -> None:

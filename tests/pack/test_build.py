@@ -1,5 +1,6 @@
 """FMUs from models: built when needed, the same bytes each time, a GUID of the content."""
 
+import subprocess
 import sys
 import zipfile
 
@@ -73,3 +74,16 @@ def test_generated_sources_name_their_cost_and_no_machine() -> None:
     assert "MicronEstimator_step: " in texts["functions.c"]
     assert '"{guid}"' in texts["model.h"]
     assert not any("/tmp" in text or "/home" in text for text in texts.values())
+
+
+def test_two_processes_build_an_fmu_once(tmp_path):
+    """The second waits for the first, and takes what that has built."""
+    code = (
+        "import sys; from pathlib import Path; from fmu_src.pack import build\n"
+        "build(['Flc'], out=Path(sys.argv[1]), progress=print)"
+    )
+    command = [sys.executable, "-c", code, str(tmp_path)]
+    running = [subprocess.Popen(command, stdout=subprocess.PIPE, text=True) for _ in range(2)]
+    said = [process.communicate(timeout=120)[0] for process in running]
+    assert all(process.returncode == 0 for process in running)
+    assert sorted(said) == ["", "Flc\n"]

@@ -1,5 +1,6 @@
 """Static response, lag, noise and limits of the sensors against their data sheets."""
 
+import dataclasses
 import itertools
 import tomllib
 from importlib.resources import files
@@ -198,3 +199,134 @@ def test_errors_by_default_are_those_of_a_calibrated_instrument():
     error = np.abs(force.mean(axis=0) - up)
     assert np.all((error > 0.1 * MG) & (error < 6 * MG))
     assert np.all(np.abs(field.mean(axis=0) - [2e-5, 0, -4e-5]) < 0.005 * 5e-5)
+
+
+# Raw units ---------------------------------------------------------------------------------------
+
+UNIT = design.STANDARD_GRAVITY
+
+
+def volts_at(parameters, force, **more):
+    """Channels of one sample, above zero, in m/s2 and T; the same force at every site."""
+    out = run(1, IDEAL | FINE | parameters, force1=force, force2=force, force3=force, **more)
+    volts = out["volts"][0] - design.ZERO_VOLTS
+    return np.append(volts[:6] / design.ACCELEROMETER_SCALE, volts[6:] / design.MAGNETOMETER_SCALE)
+
+
+@settings(deadline=None, max_examples=40)
+@given(
+    arrays(float, 3, elements=st.floats(-15, 15)),
+    arrays(float, (6, 2), elements=st.floats(-0.4, 0.4)),
+    arrays(float, 6, elements=st.floats(0, 0.1)),
+    arrays(float, 6, elements=st.floats(-0.02, 0.02)),
+)
+def test_bow_droop_and_hardening(force, bow, droop, hardening):
+    """The forms written out once more; channel a1x feels z in its plane and y out of it."""
+    found = volts_at(
+        {
+            "accelerometer_bow": bow,
+            "accelerometer_droop": droop,
+            "accelerometer_hardening": hardening,
+            "accelerometer_range": 1e3,
+        },
+        force,
+    )
+    planes = {"1": "xz", "2": "yz", "3": "xy"}
+    for i, name in enumerate(CHANNELS[:6]):
+        (other,) = set(planes[name[1]]) - {name[2]}
+        (out,) = set("xyz") - set(planes[name[1]])
+        x, y, z = (force["xyz".index(axis)] / UNIT for axis in (name[2], other, out))
+        expected = x * UNIT * (1 + hardening[i] * x**2) / (1 + droop[i] * (z**2 + z / 2))
+        for share, away in zip(bow[i], (y, z), strict=True):
+            expected += share * (np.hypot(1, away / 0.6) - 1) / (np.hypot(1, 1 / 0.6) - 1)
+        # The converter's span ends at 2.5 V about zero.
+        if abs(expected) < 24:
+            assert found[i] == pytest.approx(expected, abs=2e-5)
+
+
+def test_what_friction_holds_back_makes_a_loop():
+    """Up and down through +-1 g: the loop is 2 h high, and closed; a tremor hardly opens it."""
+    turn = np.sin(np.linspace(0, 6 * np.pi, 3001))
+    force = np.zeros((3001, 3))
+    force[:, 0] = UNIT * turn
+    h = 0.02
+    parameters = IDEAL | FINE | {"accelerometer_hysteresis": h, "accelerometer_lag": 1e-5}
+    given = run(3001, parameters, force1=force)["volts"][:, 0] - design.ZERO_VOLTS
+    off = given / design.ACCELEROMETER_SCALE - force[:, 0]
+    # Through zero upwards, downwards and upwards again.
+    up, down, again = off[1000], off[1500], off[2000]
+    # The shortest lag of the filter adds 0.6 mm/s2.
+    assert up == pytest.approx(-h, abs=1e-3)
+    assert down == pytest.approx(h, abs=1e-3)
+    assert again == pytest.approx(up, abs=1e-5)
+    small = np.zeros((3001, 3))
+    small[:, 0] = 0.1 * turn
+    given = run(3001, parameters, force1=small)["volts"][:, 0] - design.ZERO_VOLTS
+    off = given / design.ACCELEROMETER_SCALE - small[:, 0]
+    assert np.ptp(off) < 0.1 * h
+
+
+@settings(deadline=None, max_examples=30)
+@given(
+    arrays(float, 3, elements=st.floats(-6e-5, 6e-5)),
+    arrays(float, (3, 3), elements=st.floats(-0.1, 0.1)),
+    arrays(float, 3, elements=st.floats(-200, 200)),
+)
+def test_iron_and_the_field_across(field, iron, cross):
+    parameters = {"soft_iron": iron, "cross_field": cross}
+    found = volts_at(parameters, np.zeros(3), field=field)[6:]
+    felt = field + iron @ field
+    np.testing.assert_allclose(found, felt / (1 + cross * np.roll(felt, -1)), atol=2e-11)
+
+
+SLOW = dataclasses.replace(MODEL, sample_period=10.0)
+"""Solved exactly between samples, too."""
+THERMAL = {"accelerometer_bias_drift": 0.01, "magnetometer_bias_drift": 1e-8}
+STILL = {"force1": [0, 0, 0], "field": [0, 0, 0]}
+
+
+def slowly(samples, parameters, **inputs):
+    out = CompiledRunner(SLOW, IDEAL | FINE | parameters).run(samples, inputs)
+    return (out["volts"][:, :6] - design.ZERO_VOLTS) / design.ACCELEROMETER_SCALE, out
+
+
+def test_a_warm_unit_in_the_room_of_the_thesis_does_not_drift_at_all():
+    force, out = slowly(50, {})
+    np.testing.assert_array_equal(force, np.broadcast_to(force[0], force.shape))
+    np.testing.assert_array_equal(force[0], 0.0)
+    assert out["temperature"].min() == out["temperature"].max()
+
+
+def test_warming_up_takes_2_to_12_hours():
+    """Each accelerometer in its own time; stress follows by its width."""
+    hours = 14
+    parameters = THERMAL | {"powered": 0.0, "heating": 8.0, "stress_width": 0.0}
+    force, out = slowly(round(hours * 360), parameters)
+    t = np.arange(len(force)) * 10.0
+    for channel, constant in zip((0, 2, 4), (1800, 6300, 10800), strict=True):
+        expected = -0.01 * 8 * np.exp(-t / constant)
+        np.testing.assert_allclose(force[:, channel], expected, atol=1e-5)
+        away = t[np.abs(force[:, channel]) > 0.02 * 0.08]
+        assert 1.9 * 3600 < away[-1] < 12 * 3600
+    assert out["temperature"][0] == pytest.approx(22.3, abs=1 / 16)
+    assert out["temperature"][-1] == pytest.approx(30.3, abs=1 / 16)
+
+
+def test_warming_and_cooling_differ_by_the_width_of_the_stress():
+    """The room goes up and down by 10 K, slowly, around a warm unit."""
+    day = np.concatenate((np.linspace(22, 32, 4000), np.linspace(32, 22, 4000)))
+    parameters = THERMAL | {"stress_width": 1.5, "warming": 10.0}
+    force, _ = slowly(8000, parameters, ambient=day)
+    middle = 27.0
+    up, down = force[2000, 0], force[6000, 0]
+    assert day[2000] == pytest.approx(middle, abs=0.01)
+    assert down - up == pytest.approx(2 * 1.5 * 0.01, rel=0.01)
+    # On the way up it is the warm unit's own path, which is what its bias is of.
+    assert up == pytest.approx(0.01 * (middle - 22), rel=0.02)
+
+
+def test_the_scale_follows_the_temperature_and_not_the_stress():
+    parameters = {"accelerometer_scale_drift": 1e-3, "accelerometer_bias_drift": 0.0}
+    out = run(1, IDEAL | FINE | parameters, force1=[5.0, 0, 0], ambient=32.0)
+    felt = (out["volts"][0, 0] - design.ZERO_VOLTS) / design.ACCELEROMETER_SCALE
+    assert felt == pytest.approx(5.0 * 1.01, rel=1e-5)

@@ -8,8 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner
-from plants.optical_tracker import LAYOUT, MODEL
+from fmu_src.kit import Runner, design
+from plants.optical_tracker import MODEL
+
+LAYOUT = np.array(design.MARKERS)
 
 T = 1e-3
 QUIET = {"noise_across": 0.0, "noise_along": 0.0}

@@ -20,10 +20,11 @@ def slope(values):
 
 
 @settings(deadline=None, max_examples=15)
-@given(ANGLES, ANGLES, ANGLES)
-def test_rates_and_accelerations_are_derivatives_of_the_pose(rest, start, end):
+@given(ANGLES, ANGLES, ANGLES, st.booleans())
+def test_rates_and_accelerations_are_derivatives_of_the_pose(rest, start, end, one_by_one):
     arm = np.array([0.1, -0.2, 0.15])
     parameters = QUICK | {"rest": rest, "start": start, "end": end, "arm": arm, "pivot": [1, 2, 3]}
+    parameters["one_by_one"] = one_by_one
     out = Runner(MODEL, parameters).run(1100)
     R = Rotation.from_quat(out["attitude"], scalar_first=True)
     np.testing.assert_allclose(out["body"], np.array([1, 2, 3]) + R.apply(arm), atol=1e-12)

@@ -29,7 +29,7 @@ def command(
 
     from harness.errors import SteadytipError, nearest
     from harness.identify import hysteresis, modulated_stops
-    from harness.record import reason, replacing
+    from harness.identify.sets import write_table
 
     makers = {
         "modulated-stops": modulated_stops.excitation,
@@ -49,12 +49,7 @@ def command(
         )
     volts = makers[operator](rate, top=top)
     table = np.column_stack((np.arange(len(volts)) / rate, volts))
-    try:
-        out.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(out) as part:
-            np.savetxt(part, table, ["%.6f", "%.5f"], ",", header="time [s],volts [V]", comments="")
-    except OSError as error:
-        raise SteadytipError(f"{out} cannot be written: {reason(error)}") from None
+    write_table(out, ["time [s]", "volts [V]"], table, ["%.6f", "%.5f"])
     if not quiet:
         text = f"{out}: {len(volts)} samples, {len(volts) / rate:.4g} s, 0 to {volts.max():.4g} V"
         _console.print(text, style="dim", markup=False, highlight=False, soft_wrap=True)

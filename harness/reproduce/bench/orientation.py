@@ -103,7 +103,7 @@ def estimators() -> list[Estimator]:
             "optical filter (C23)",
             f"rate, and an optical attitude at each {THINNED}th sample",
             lambda trial: {**trial.inertial(), **trial.optical(trial.thinned())},
-            {**_LIMITS, "rate_interval": INTERVAL},
+            {**_LIMITS, "rate_interval": INTERVAL, "lag_sigma": 0.01},
         ),
     }
     return [vqf(), *(of_model(model, *how) for model, how in ours.items())]
