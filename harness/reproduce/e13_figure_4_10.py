@@ -127,7 +127,7 @@ def _plot(found: Mapping[str, Populations]) -> Plot:
     plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.1)
     for column, (what, (unit, scale)) in enumerate(UNITS.items(), start=1):
         values = {name: scale * errors.rms(what) for name, errors in found.items()}
-        curves(plot, np.arange(1, SAMPLES + 1), values, 1, column)
+        curves(plot, np.arange(1.0, SAMPLES + 1), values, 1, column)
         plot.update_yaxes(
             title_text=f"{what}, axis y, {unit}", rangemode="tozero", row=1, col=column
         )

@@ -2,7 +2,12 @@
 
 from __future__ import annotations
 
-from harness.reproduce.item import Context, Item, Outcome
+from typing import TYPE_CHECKING
+
+from harness.reproduce.item import Context, Figure, Item, Outcome
+
+if TYPE_CHECKING:
+    from harness.report.page import Plot
 
 SOURCE = "E13 table 4.1"
 ROWS = {(1, 10): (0.2, 0.7), (2, 10): (0.9, 2.6), (2, 5): (0.5, 1.3)}
@@ -17,15 +22,19 @@ def run(context: Context) -> Outcome:
         augmented,
         by_step,
         figures,
+        part_of,
         speed_note,
     )
 
-    found, plots, notes = [], [], []
+    found: list[Figure] = []
+    plots: list[Plot] = []
+    notes: list[str] = []
+    missing = False
     for place, (row, paper) in enumerate(ROWS.items()):
         parts = augmented(
             context,
             *row,
-            lambda share, what, place=place: context.progress((place + share) / len(ROWS), what),
+            part_of(context, place, len(ROWS)),
         )
         setting = f"velocity category {row[0]}, ratio {row[1]}"
         found.extend(figures(SOURCE, "position", setting, parts, paper))

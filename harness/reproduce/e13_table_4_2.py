@@ -2,7 +2,13 @@
 
 from __future__ import annotations
 
-from harness.reproduce.item import Context, Item, Outcome
+from typing import TYPE_CHECKING
+
+from harness.reproduce.item import Context, Figure, Item, Outcome
+
+if TYPE_CHECKING:
+    from harness.report.page import Plot
+    from harness.reproduce.bench.augmented import Augmented
 
 SOURCE = "E13 table 4.2"
 ROWS = {10: (0.7, 2.3), 5: (0.3, 1.2)}
@@ -17,17 +23,20 @@ def run(context: Context) -> Outcome:
         augmented,
         by_step,
         figures,
+        part_of,
         speed_note,
     )
 
-    found, plots, parts = [], [], ()
+    found: list[Figure] = []
+    plots: list[Plot] = []
+    parts: tuple[Augmented, ...] = ()
     cases = [(ratio, number) for ratio in ROWS for number in (1, 2)]
     for place, (ratio, number) in enumerate(cases):
         parts = augmented(
             context,
             number,
             ratio,
-            lambda share, what, place=place: context.progress((place + share) / len(cases), what),
+            part_of(context, place, len(cases)),
         )
         setting = f"ratio {ratio}, motions of category {number}"
         found.extend(figures(SOURCE, "attitude", setting, parts, ROWS[ratio]))

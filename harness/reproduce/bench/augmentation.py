@@ -305,7 +305,7 @@ def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> Motion:
     """
     rng = np.random.default_rng(seed)
     n = round(seconds / PERIOD)
-    t = np.arange(-1, n + 1) * PERIOD
+    t = np.arange(-1.0, n + 1) * PERIOD
     place = _random_path(rng, t)
     a = np.diff(place, 2, axis=0) / PERIOD**2 + rng.normal(size=(n, 3)) * 0.1 / 3
     # sin^7 has the ratio of mean to largest rate.
@@ -365,7 +365,7 @@ def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> 
     rng = np.random.default_rng(1000 * number + seed)
     whole = SETTLE + seconds
     n = round(whole / PERIOD)
-    t = np.arange(n) * PERIOD
+    t = np.arange(float(n)) * PERIOD
     place, acceleration = _square(rng, t, *CATEGORIES[number])
     tremor = 2 * np.pi * rng.uniform(8, 12, 3)
     shake = 25e-6 * np.sin(np.outer(t, tremor) + rng.uniform(0, 6, 3))

@@ -36,6 +36,7 @@ __all__ = [
     "by_step",
     "figures",
     "of",
+    "part_of",
     "speed_note",
 ]
 
@@ -81,6 +82,11 @@ def of(
     each = np.array([speeds(motion) for motion in motions])
     mean, largest = each.mean(axis=0), each.max(axis=0)
     return Augmented(origin, (mean[0], largest[1], mean[2], largest[3]), found)
+
+
+def part_of(context: Context, place: int, count: int) -> Callable[[float, str], None]:
+    """Progress of one of some parts that are as long as each other."""
+    return lambda share, what: context.progress((place + share) / count, what)
 
 
 def augmented(
@@ -147,7 +153,7 @@ def by_step(title: str, what: str, parts: Iterable[Augmented]) -> Plot:
     for column, part in enumerate(parts, start=1):
         for name, found in part.found.items():
             for values, dash in ((found.rms(what), "solid"), (found.interval(what), "dot")):
-                steps = np.arange(len(values))
+                steps = np.arange(float(len(values)))
                 # What is exact but for rounding has no place on a logarithmic axis.
                 values = np.where(values > 1e-6 * values.max(), values, np.nan)
                 shown = dash == "solid" and column == 1
