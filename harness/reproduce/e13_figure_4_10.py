@@ -66,7 +66,7 @@ def _simulated(name: str, errors: Populations) -> list[Figure]:
     from harness.reproduce.bench.augmented import HAND, UNITS
 
     found = []
-    setting = f"{HAND}, 54 occlusions of {SAMPLES} samples (0.5 s)"
+    setting = f"{HAND}, {9 * ACQUISITIONS} occlusions of {SAMPLES} samples (0.5 s)"
     for what, (unit, scale) in UNITS.items():
         for quantity, paper, values in (
             ("axis y", PAPER.get(what), errors.rms(what)),
@@ -134,7 +134,7 @@ def _plot(found: Mapping[str, Populations]) -> Plot:
     plot.update_xaxes(title_text="samples since the occlusion began")
     return Plot(
         "Figure 4.10: simulated hand",
-        "Rms of 54 occlusions along, and about, axis y.",
+        f"Rms of {9 * ACQUISITIONS} occlusions along, and about, axis y.",
         layout(plot, 420),
     )
 

@@ -94,13 +94,15 @@ def augmented(
 ) -> tuple[Augmented, ...]:
     """A velocity category at some ratio: the simulated hand, and BROAD where it is at hand."""
     told(0.0, f"category {number}, ratio {ratio}")
-    return _augmented(context.data, number, ratio)
+    return _augmented(context.data, number, ratio, ACQUISITIONS)
 
 
 @cache
-def _augmented(data: Path | None, number: int, ratio: int) -> tuple[Augmented, ...]:
+def _augmented(
+    data: Path | None, number: int, ratio: int, acquisitions: int
+) -> tuple[Augmented, ...]:
     # Two tables have the same experiments, one their positions, the other their attitudes.
-    hand = [category(number, seed, ratio) for seed in range(1, ACQUISITIONS + 1)]
+    hand = [category(number, seed, ratio) for seed in range(1, acquisitions + 1)]
     trials = recorded(Context(data=data), ratio, RECORDED[number])
     parts = [of(HAND, hand)]
     if trials:
