@@ -255,6 +255,20 @@ class Out(Outputs):
     innovation_size = real(None, "their degrees of freedom, 0 without one", min=0.0)
 
 
+def arrived(u: Any, before: Any) -> tuple[Any, Any]:
+    """Whether a pose arrives that is one, and not the one before once more; and the pose (7,).
+
+    Args:
+        u: inputs `optical_position`, `optical_attitude` and `optical_new`.
+        before: the last pose that came, (7,).
+    """
+    length = ca.norm_2(u.optical_attitude)
+    proper = ca.logic_and(length > 0.9, length < 1.1)
+    z = ca.vertcat(u.optical_position, u.optical_attitude / ca.fmax(length, 0.1))
+    repeated = ca.sumsqr(z - before) == 0
+    return ca.logic_and(u.optical_new, ca.logic_and(proper, ca.logic_not(repeated))), z
+
+
 def rate_and_force(x: Any, sensed: Any) -> tuple[Any, Any]:
     """Body rate w and specific force f of a sample (6,)."""
     w = sensed[:3] + x.rate_matrix @ sensed[:3] - x.rate_bias
@@ -455,12 +469,7 @@ def make(name: str, method: Filter) -> Model:
         steps = ca.if_else(due, ca.vertcat(pending, x.steps[:-1]), x.steps)
         pending = ca.if_else(due, 0, pending)
 
-        # A pose that is one, and not the one before once more
-        length = ca.norm_2(u.optical_attitude)
-        proper = ca.logic_and(length > 0.9, length < 1.1)
-        z = ca.vertcat(u.optical_position, u.optical_attitude / ca.fmax(length, 0.1))
-        repeated = ca.sumsqr(z - x.pose) == 0
-        taken = ca.logic_and(u.optical_new, ca.logic_and(proper, ca.logic_not(repeated)))
+        taken, z = arrived(u, x.pose)
         age = u.optical_age - pending
         known_then = age <= ca.sum1(steps[:-1])
         usable = ca.logic_and(ca.logic_and(taken, known_then), x.started)
