@@ -97,14 +97,15 @@ DURATIONS = (0.275, 0.5, 1.0)
     [
         ("02", 12, (1.3, 2.7, 7.5), 0.3),
         ("10", 12, (1.3, 2.7, 7.5), 0.3),
-        ("06", 4, (2.5, 6.0, 18.0), 0.31),
+        ("06", 4, (2.5, 6.0, 18.0), 0.3),
     ],
 )
 def test_occlusions(trial, number, stride, position, attitude) -> None:
-    """0.275, 0.5 and 1 s. Wanted: 0.3 deg; after 1 s in the fast trial it is 0.306.
+    """0.275, 0.5 and 1 s, here at some of the places.
 
-    At every place (`steadytip reproduce e13-figure-4.10`): trial 02 1.15, 2.47 and 7.47 mm, 10
-    1.03, 2.36 and 7.25 mm, 06 1.79, 4.37 and 14.5 mm; 0.27 deg at the most but for that.
+    At every place (`steadytip reproduce e13-figure-4.10`): trial 02 1.14, 2.43 and 7.24 mm, 10
+    1.01, 2.25 and 6.70 mm, 06 1.77, 4.27 and 13.96 mm; 0.2999 deg in 06 after 1 s, else 0.262 at
+    the most.
     """
     model = load_model("OpticalInertialEkf")
     found = occlusions(model, trial(number), DURATIONS, stride=stride)
@@ -112,7 +113,6 @@ def test_occlusions(trial, number, stride, position, attitude) -> None:
     for measured, bound in zip(found.position, position, strict=True):
         assert 1e3 * measured < bound
     assert np.degrees(found.attitude).max() < attitude
-    assert np.degrees(found.attitude)[:2].max() < 0.3
 
 
 def test_occlusions_are_bridged_alike_by_both_filters(trial) -> None:

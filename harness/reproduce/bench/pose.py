@@ -29,12 +29,12 @@ from harness.reproduce.bench.broad import THINNED, BoolArray, Trial, since
 __all__ = ["SETTINGS", "Errors", "Followed", "errors", "follow", "occlusions"]
 
 SETTINGS: Mapping[str, float] = {
-    "gravity_sigma": 0.05,
-    "inertial.rate_noise": 1.4e-3,
-    "inertial.force_noise": 1.3e-2,
+    "gravity_sigma": 0.03,
+    "inertial.rate_noise": 7e-4,
+    "inertial.force_noise": 1.1e-2,
     "inertial.rate_bias_walk": 1e-4,
     "inertial.force_bias_walk": 2e-3,
-    "inertial.rate_matrix_walk": 5e-4,
+    "inertial.rate_matrix_walk": 4e-4,
     "inertial.force_matrix_walk": 3e-4,
     "inertial.between": 0.3,
     "tracker.position_noise": 4.5e-5,
@@ -44,7 +44,7 @@ SETTINGS: Mapping[str, float] = {
     "tracker.flicker_sigma": 2.5e-4,
     "tracker.flicker_memory": 0.05,
     "tracker.attitude_offset_sigma": 3e-3,
-    "tracker.attitude_offset_memory": 0.2,
+    "tracker.attitude_offset_memory": 0.17,
     "tracker.gate": 1.5,
 }
 """Of `OpticalInertialEkf` and `OpticalInertialUkf`, for this inertial unit and this tracker."""
