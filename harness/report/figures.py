@@ -62,7 +62,14 @@ def figures(
     if motion.drive is not None and stroke is not None and stroke.shape == motion.drive.shape:
         yield _hysteresis(motion, motion.drive, stroke, delays)
     if motion.attitude_true is not None and motion.attitude_estimated is not None:
-        yield _attitude(time, motion.attitude_true, motion.attitude_estimated)
+        angle = angle_between(motion.attitude_true, motion.attitude_estimated) * _DEGREES
+        text = "Angle of the rotation from the true to the estimated attitude"
+        yield _estimated(time, motion.settle, angle, ("Attitude error", "angle, deg", text))
+    if motion.position_true is not None and motion.position_estimated is not None:
+        apart = motion.position_estimated - motion.position_true
+        distance = np.linalg.norm(apart, axis=1) * _MICRO
+        text = "Distance of the estimated position from the true one"
+        yield _estimated(time, motion.settle, distance, ("Position error", "distance, µm", text))
 
 
 def _three_rows(x_title: str, y_title: str) -> go.Figure:
@@ -224,14 +231,17 @@ def _hysteresis(
     )
 
 
-def _attitude(time: FloatArray, true: FloatArray, estimated: FloatArray) -> Plot:
+def _estimated(
+    time: FloatArray, settle: float, size: FloatArray, texts: tuple[str, str, str]
+) -> Plot:
+    """Error of an estimate; the scale is that of what counts, a start may lie far above."""
+    title, unit, text = texts
     figure = go.Figure()
-    x, y = thinned(time, angle_between(true, estimated) * _DEGREES)
-    figure.add_trace(line(x, y, _WITH, "attitude error"))
+    x, y = thinned(time, size)
+    figure.add_trace(line(x, y, _WITH, title.lower()))
     figure.update_xaxes(title_text="time, s")
-    figure.update_yaxes(title_text="angle, deg", rangemode="tozero")
-    return Plot(
-        "Attitude error",
-        "Angle of the rotation from the true to the estimated attitude.",
-        layout(figure, 300, showlegend=False),
-    )
+    counted = size[time >= settle] if settle < time[-1] else size
+    top = 1.1 * float(counted.max())
+    figure.update_yaxes(title_text=unit, range=[0.0, top] if top > 0.0 else None)
+    beyond = f"; more than shown before {settle:g} s" if size.max() > max(top, 0.0) > 0.0 else ""
+    return Plot(title, f"{text}{beyond}.", layout(figure, 300, showlegend=False))
