@@ -30,8 +30,6 @@ FROZEN = 4
 """Equal samples in a row that tell a frozen unit."""
 ONE_GAP = 0.2
 """Longest time between two attitudes that counts as doubt [s]."""
-NOTHING = 1e-40
-"""Variance that a known state is given for its root to have a derivative."""
 
 
 class Limits(Parameters):

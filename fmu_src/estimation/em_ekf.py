@@ -55,7 +55,7 @@ import numpy as np
 
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.estimation import triad
-from fmu_src.estimation.error_state import Extended, Space, chosen
+from fmu_src.estimation.error_state import NOTHING, Extended, Space, chosen
 from fmu_src.kit import (
     Inputs,
     Model,
@@ -624,7 +624,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     state = Nominal.unpack(nominal)
     rate = sample.sensed[:3] - state.rate_bias
     (attitude,) = sources.recorded("now", now, state.attitude, g.turn, rate * e.lag)
-    variances = ca.fmax(ca.diag(P), 0) + sources.NOTHING
+    variances = ca.fmax(ca.diag(P), 0) + NOTHING
     sigma = {name: ca.sqrt(variances[place]) for name, place in SPACE.places.items()}
     attitude_sigma = ca.sqrt(variances[SPACE.places["attitude"]] + g.variance)
     well_known = ca.mmax(attitude_sigma) < p.attitude_limit

@@ -44,6 +44,8 @@ from fmu_src.kit.records import Field, Record
 
 MEANS = 3
 """Rounds of the mean of rotations; errors of a radian are exact to rounding after three."""
+NOTHING = 1e-40
+"""Variance that is added to every one, for its root to have a derivative where it is zero."""
 BLOCK = 8
 """Columns of Cholesky's factor that are found at once."""
 SMALLEST = 1e-30
@@ -300,6 +302,11 @@ class Unscented:
 
 
 Filter = Extended | Unscented
+
+
+def deviation(variance: Any) -> Any:
+    """Standard deviation, with a derivative everywhere."""
+    return ca.sqrt(ca.fmax(variance, 0) + NOTHING)
 
 
 def root(P: Any) -> Any:

@@ -33,7 +33,7 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.error_state import Extended, Space, chosen
+from fmu_src.estimation.error_state import Extended, Space, chosen, deviation
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real, rotations
 
 
@@ -260,7 +260,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     state = Nominal.unpack(ca.if_else(started, nominal, before))
     P = ca.if_else(started, P, x.P)
 
-    sigma = ca.sqrt(ca.fmax(ca.diag(P), 0) + sources.NOTHING)
+    sigma = deviation(ca.diag(P))
     (attitude,) = sources.recorded(
         "now",
         lambda q, turn: rotations.multiply(q, rotations.from_rotation_vector(turn)),

@@ -40,7 +40,7 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.estimation.error_state import Filter, Space, chosen
+from fmu_src.estimation.error_state import NOTHING, Filter, Space, chosen, deviation
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
 
 SAMPLE_PERIOD = 1e-3
@@ -262,7 +262,7 @@ def arrived(u: Any, before: Any) -> tuple[Any, Any]:
         u: inputs `optical_position`, `optical_attitude` and `optical_new`.
         before: the last pose that came, (7,).
     """
-    length = ca.norm_2(u.optical_attitude)
+    length = ca.sqrt(ca.sumsqr(u.optical_attitude) + NOTHING)
     proper = ca.logic_and(length > 0.9, length < 1.1)
     z = ca.vertcat(u.optical_position, u.optical_attitude / ca.fmax(length, 0.1))
     repeated = ca.sumsqr(z - before) == 0
@@ -511,8 +511,8 @@ def make(name: str, method: Filter) -> Model:
 
         state = Nominal.unpack(nominal)
         q_now, p_now, v_now, w_now, slope = _now()(nominal, sensed, pending)
-        of_pose = _root(ca.sum2((slope @ P) * slope))
-        of_state = _root(ca.diag(P))
+        of_pose = deviation(ca.sum2((slope @ P) * slope))
+        of_state = deviation(ca.diag(P))
         part = {name: of_state[place] for name, place in SPACE.places.items()}
         known_well = ca.logic_and(
             ca.mmax(of_pose[:3]) < p.attitude_limit, ca.mmax(of_pose[3:6]) < p.position_limit
@@ -565,10 +565,6 @@ _TOLD = (
     "force_lag",
 )
 """States whose standard deviations are outputs, beside those of the pose."""
-
-
-def _root(variance: Any) -> Any:
-    return ca.sqrt(ca.fmax(variance, 0))
 
 
 def _process_noise(

@@ -37,7 +37,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.error_state import Space, Unscented, chosen
+from fmu_src.estimation.error_state import Space, Unscented, chosen, deviation
 from fmu_src.estimation.optical_inertial import LONG, OPEN, POSE, arrived
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
 
@@ -250,7 +250,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
 
     state = Nominal.unpack(nominal)
     R = rotations.matrix(state.attitude)
-    sigma = _root(ca.diag(P))
+    sigma = deviation(ca.diag(P))
     part = {name: sigma[place] for name, place in SPACE.places.items()}
     part |= _of_body(state, R, p.lever, P)
     known_well = ca.logic_and(
@@ -280,10 +280,6 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
 
 
-def _root(variance: Any) -> Any:
-    return ca.sqrt(ca.fmax(variance, 0) + sources.NOTHING)
-
-
 def _of_body(x: Nominal, R: Any, lever: Any, P: Any) -> dict[str, Any]:
     """Standard deviations of position and velocity of the tracked body, (3,) each."""
     eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
@@ -293,7 +289,7 @@ def _of_body(x: Nominal, R: Any, lever: Any, P: Any) -> dict[str, Any]:
         "position": ca.horzcat(eye, none, none, arm, none),
         "velocity": ca.horzcat(none, eye, none, turned, arm),
     }
-    return {name: _root(ca.sum2((H @ P) * H)) for name, H in slopes.items()}
+    return {name: deviation(ca.sum2((H @ P) * H)) for name, H in slopes.items()}
 
 
 def _twice(first: Any, second: Any) -> Any:

@@ -24,6 +24,13 @@ HOST = Path(__file__).with_name("host.c")
 STEPS = 40
 MODELS = ["MicronEstimator", "TremorCanceller", "InertialSensors", "Hand"]
 MEBIBYTE = 2**20
+LARGEST = {
+    "TremorCanceller": 2,
+    "EmInertialEkf": 2,
+    "OpticalInertialEkf": 4,
+    "OpticalInertialUkf": 3,
+}
+"""Mebibytes of FMUs for five platforms that are larger than one."""
 RUNNERS = {
     "win64": (["wine64", "wine"], [], "x86_64-windows-gnu", "host.exe"),
     "aarch64-linux": (
@@ -43,13 +50,14 @@ def everywhere(tmp_path_factory) -> dict[str, Path]:
 
 
 def test_five_platforms_fit_into_one_mebibyte(everywhere) -> None:
-    """But for the controller, which holds two filters and two operators for each stack."""
+    """But for the largest: the controller, which holds two filters and two operators for each
+    stack, and filters of up to 53 errors, whose Jacobians have derivatives, too.
+    """
     assert set(everywhere) == set(model_names())
     for name, path in everywhere.items():
         inside = {p.split("/")[1] for p in zipfile.ZipFile(path).namelist() if p[:9] == "binaries/"}
         assert inside == set(native.TARGETS)
-        limit = 2 * MEBIBYTE if name == "TremorCanceller" else MEBIBYTE
-        assert path.stat().st_size < limit, name
+        assert path.stat().st_size < LARGEST.get(name, 1) * MEBIBYTE, name
 
 
 def test_both_apple_folders_hold_one_universal_library(everywhere) -> None:
