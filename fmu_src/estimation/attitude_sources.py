@@ -1,4 +1,4 @@
-"""What the attitude filters do with samples before they believe them: faults, and age.
+"""What filters with a tracker do with samples before they believe them: faults, and age.
 
 | symbol | meaning |
 | --- | --- |
@@ -22,6 +22,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
+from fmu_src.estimation.error_state import NOTHING
 from fmu_src.kit import Parameters, State, real, rotations
 
 LATEST = 160
@@ -173,8 +174,7 @@ def arrival(x: Tracked, past: Any, attitude: Any, new: Any, age: Any, T: float) 
         age: its age [s].
         T: sample period [s].
     """
-    length = ca.sqrt(ca.sumsqr(attitude))
-    proper = ca.logic_and(length > 0.9, length < 1.1)
+    proper, unit = of_unit_length(attitude)
     known = ca.logic_and(proper, age <= (LATEST - 1) * T)
     repeated = ca.sumsqr(attitude - x.last) == 0
     taken = ca.logic_and(new, ca.logic_and(known, ca.logic_not(repeated)))
@@ -184,7 +184,13 @@ def arrival(x: Tracked, past: Any, attitude: Any, new: Any, age: Any, T: float) 
         doubted=x.doubted,
         past=past,
     )
-    return Arrival(tracked, taken, attitude / ca.fmax(length, 0.1))
+    return Arrival(tracked, taken, unit)
+
+
+def of_unit_length(attitude: Any) -> tuple[Any, Any]:
+    """Whether four numbers pass for an attitude, and their unit quaternion, (4,)."""
+    length = ca.sqrt(ca.sumsqr(attitude) + NOTHING)
+    return ca.logic_and(length > 0.9, length < 1.1), attitude / ca.fmax(length, 0.1)
 
 
 def doubted(x: Tracked, taken: Any, beyond: Any, T: float) -> Any:

@@ -178,11 +178,11 @@ class Extended:
         after = process(space.record.unpack(point), known).pack()
         near = space.moved(point, e)
         moved = process(space.record.unpack(near), known).pack()
-        F = _slope(space.error_after(point, after, near, moved, e), e)
+        F = slope(space.error_after(point, after, near, moved, e), e)
         results = [space.scaled(after), F]
         function = ca.Function("transition", [point, known], results, {"cse": True})
-        x, slope = function(x, u)
-        return x, _symmetric(slope @ P @ slope.T + Q)
+        x, F = function(x, u)
+        return x, _symmetric(F @ P @ F.T + Q)
 
     def correct(
         self, residual: Residual, x: Any, u: Any, P: Any, R: Any, gate: Any = np.inf
@@ -200,7 +200,7 @@ class Extended:
         space = self.space
         point, known, e = _symbols(space, u)
         r = residual(space.record.unpack(space.moved(point, e)), known)
-        H = -_slope(r, e)
+        H = -slope(r, e)
         found = [ca.substitute(r, e, ca.DM.zeros(space.error_size)), H]
         function = ca.Function("measure", [point, known], found, {"cse": True})
         r, H = function(x, u)
@@ -398,16 +398,17 @@ def _moved_part(
         if now is before:
             factors.append(ca.DM.ones(size))
             continue
-        slope = ca.jacobian(ca.vec(now), e)
-        own = ca.diag(slope[:, place.start : place.stop]) if not turns else None
-        if own is None or slope.nnz() > own.nnz() or ca.depends_on(own, e):
+        J = ca.jacobian(ca.vec(now), e)
+        own = ca.diag(J[:, place.start : place.stop]) if not turns else None
+        if own is None or J.nnz() > own.nnz() or ca.depends_on(own, e):
             whole, part, factors = full.stop, place.stop, []
         else:
             factors.append(own)
     return whole, part, ca.vertcat(*factors)
 
 
-def _slope(expression: Any, e: Any) -> Any:
+def slope(expression: Any, e: Any) -> Any:
+    """Jacobian of an expression by an error e, at zero error."""
     return ca.simplify(ca.substitute(ca.jacobian(expression, e), e, ca.DM.zeros(*e.shape)))
 
 

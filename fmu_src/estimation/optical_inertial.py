@@ -40,14 +40,13 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.estimation.error_state import NOTHING, Filter, Space, chosen, deviation
+from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation.error_state import Filter, Space, chosen, deviation, slope
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
 
 SAMPLE_PERIOD = 1e-3
 KEPT = 128
 """Inertial samples that are kept for late poses."""
-FROZEN = 4
-"""Equal inertial samples in a row that tell a frozen unit."""
 LONG = 1e3
 """Longest time that is counted [s]."""
 OPEN = 1e6
@@ -81,7 +80,7 @@ SPACE = Space(Nominal, "attitude", "mounting")
 
 
 class Inertial(Parameters):
-    """The inertial unit: its noise, what drifts, and what it can tell."""
+    """The inertial unit: its noise, and what drifts."""
 
     rate_noise = real("rad/s/Hz0.5", "density of the rate", start=2e-4, min=1e-8, max=10.0)
     force_noise = real("m/s2/Hz0.5", "density of the force", start=4e-3, min=1e-8, max=100.0)
@@ -99,11 +98,6 @@ class Inertial(Parameters):
         start=0.1,
         min=0.0,
         max=1.0,
-    )
-    rate_range = real("rad/s", "largest rate it tells from more", start=34.0, min=0.1, max=1e3)
-    force_range = real("m/s2", "largest force it tells from more", start=156.0, min=1.0, max=1e4)
-    patience = real(
-        "s", "time without a sample, after which the last one holds", start=0.02, min=1e-3, max=1.0
     )
     moving_rate = real(
         "rad/s/Hz0.5", "density of the rate where no sample tells it", start=1.0, min=1e-3, max=100
@@ -156,6 +150,7 @@ class Tracker(Parameters):
 class Params(Parameters):
     """Everything that is known beforehand."""
 
+    limits: Any = sources.Limits
     inertial = Inertial
     mounting = Mounting
     tracker = Tracker
@@ -209,10 +204,8 @@ class X(State):
         None, "covariance of the error", shape=(SPACE.error_size, SPACE.error_size), listed=False
     )
     started = boolean("a pose has come")
-    sensed = real(None, "last rate and force that were fresh", shape=6)
-    unheard = real("s", "time since then", min=0.0)
+    unit: Any = sources.Unit
     pending = real("s", "time since the process was carried on", min=0.0)
-    equal = real(None, "inertial samples that were equal in a row", min=0.0)
     past = real(None, "rate and force, newest first", shape=(6, KEPT), listed=False)
     steps = real("s", "time before each of them", shape=KEPT, listed=False)
     pose = real(None, "last pose that came", shape=7)
@@ -262,9 +255,8 @@ def arrived(u: Any, before: Any) -> tuple[Any, Any]:
         u: inputs `optical_position`, `optical_attitude` and `optical_new`.
         before: the last pose that came, (7,).
     """
-    length = ca.sqrt(ca.sumsqr(u.optical_attitude) + NOTHING)
-    proper = ca.logic_and(length > 0.9, length < 1.1)
-    z = ca.vertcat(u.optical_position, u.optical_attitude / ca.fmax(length, 0.1))
+    proper, attitude = sources.of_unit_length(u.optical_attitude)
+    z = ca.vertcat(u.optical_position, attitude)
     repeated = ca.sumsqr(z - before) == 0
     return ca.logic_and(u.optical_new, ca.logic_and(proper, ca.logic_not(repeated))), z
 
@@ -439,19 +431,11 @@ def make(name: str, method: Filter) -> Model:
     def step(p: Any, u: Any, x: Any, T: float) -> tuple[X, Out]:
         """One sample."""
         unit, tracker = p.inertial, p.tracker
-        fresh = ca.vertcat(u.rate, u.force)
-        same = ca.sumsqr(fresh - x.sensed) == 0
-        equal = ca.if_else(u.inertial_valid, ca.if_else(same, x.equal + 1, 0), x.equal)
-        clipped = ca.logic_or(
-            ca.mmax(ca.fabs(u.rate)) >= unit.rate_range,
-            ca.mmax(ca.fabs(u.force)) >= unit.force_range,
-        )
+        sample = sources.inertial(x.unit, u.rate, u.force, u.inertial_valid, p.limits, T)
+        sensed, lost = sample.sensed, sample.lost
+        # Where a sample is overdue the last one holds.
+        due = ca.logic_or(sample.fresh, sample.unit.pending > p.limits.patience)
         pending = x.pending + T
-        unheard = ca.if_else(u.inertial_valid, 0, x.unheard + T)
-        late = unheard > unit.patience
-        lost = ca.logic_or(ca.logic_or(equal >= FROZEN, clipped), late)
-        due = ca.logic_or(u.inertial_valid, late)
-        sensed = ca.if_else(u.inertial_valid, fresh, x.sensed)
 
         # Up to this inertial sample
         left = ca.exp(
@@ -462,8 +446,8 @@ def make(name: str, method: Filter) -> Model:
                 tracker.attitude_offset_memory,
             )
         )
-        Q = ca.diag(_process_noise(unit, tracker, lost, sensed - x.sensed, pending, left))
-        known = ca.vertcat(x.sensed, sensed, pending, left)
+        Q = ca.diag(_process_noise(unit, tracker, lost, sensed - x.unit.sensed, pending, left))
+        known = ca.vertcat(x.unit.sensed, sensed, pending, left)
         nominal, P = chosen(ca.logic_and(due, x.started), predict, x.nominal.pack(), x.P, known, Q)
         past = ca.if_else(due, ca.horzcat(sensed, x.past[:, :-1]), x.past)
         steps = ca.if_else(due, ca.vertcat(pending, x.steps[:-1]), x.steps)
@@ -510,8 +494,8 @@ def make(name: str, method: Filter) -> Model:
         unseen = ca.if_else(used, 0, x.unseen + T)
 
         state = Nominal.unpack(nominal)
-        q_now, p_now, v_now, w_now, slope = _now()(nominal, sensed, pending)
-        of_pose = deviation(ca.sum2((slope @ P) * slope))
+        q_now, p_now, v_now, w_now, J = _now()(nominal, sensed, pending)
+        of_pose = deviation(ca.sum2((J @ P) * J))
         of_state = deviation(ca.diag(P))
         part = {name: of_state[place] for name, place in SPACE.places.items()}
         known_well = ca.logic_and(
@@ -521,10 +505,8 @@ def make(name: str, method: Filter) -> Model:
             nominal=state,
             P=P,
             started=started,
-            sensed=sensed,
-            unheard=ca.fmin(unheard, LONG),
+            unit=sample.unit,
             pending=pending,
-            equal=ca.fmin(equal, FROZEN),
             past=past,
             steps=steps,
             pose=ca.if_else(u.optical_new, z, x.pose),
@@ -647,7 +629,6 @@ def _now() -> ca.Function:
     there = pose(other, ca.DM(Back.NONE), sensed, pending)
     turned = rotations.multiply(rotations.conjugate(here[0]), there[0])
     apart = ca.vertcat(rotations.to_rotation_vector(turned), *there[1:])
-    slope = ca.substitute(ca.jacobian(apart, e), e, ca.DM.zeros(SPACE.error_size))
     rate, _ = rate_and_force(state, sensed)
-    results = [rotations.canonical(here[0]), *here[1:], rate, ca.simplify(slope)]
+    results = [rotations.canonical(here[0]), *here[1:], rate, slope(apart, e)]
     return ca.Function("now", [x, sensed, pending], results, {"cse": True})

@@ -19,6 +19,8 @@ NOISE = {
     "tracker.attitude_noise": 1e-3,
 }
 """Densities of the inertial unit; of the tracker, each sample; parameters of the filters."""
+LIMITS = {"limits.rate_range": 34.0, "limits.force_range": 156.0}
+"""Of the inertial unit."""
 
 
 @dataclass(frozen=True)

@@ -18,6 +18,7 @@ from fmu_src.pack.compiled import CompiledRunner
 from tests.estimation.handheld import (
     GRAVITY,
     LEVER,
+    LIMITS,
     NOISE,
     T,
     World,
@@ -45,6 +46,7 @@ KNOWN = {
     "inertial.force_matrix_sigma": 0.0,
     "inertial.between": 0.0,
     "gravity_sigma": 0.0,
+    **LIMITS,
     "tracker.position_offset_sigma": 0.0,
     "tracker.attitude_offset_sigma": 0.0,
     "tracker.gate": 1e6,

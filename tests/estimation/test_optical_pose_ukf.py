@@ -14,6 +14,7 @@ from fmu_src.pack.compiled import CompiledRunner
 from tests.estimation.handheld import (
     GRAVITY,
     LEVER,
+    LIMITS,
     NOISE,
     T,
     World,
@@ -37,8 +38,7 @@ PARAMETERS = {
     "force_noise": NOISE["inertial.force_noise"] / np.sqrt(2 * T),
     "position_noise": NOISE["tracker.position_noise"],
     "attitude_noise": NOISE["tracker.attitude_noise"],
-    "limits.rate_range": 34.0,
-    "limits.force_range": 156.0,
+    **LIMITS,
 }
 """For the hand of `handheld`."""
 

@@ -29,7 +29,15 @@ from fmu_src.pack.build import load_model
 from fmu_src.pack.compiled import CompiledRunner
 from harness.errors import SteadytipError
 from harness.parts import FloatArray
-from harness.reproduce.bench.broad import FOLDER, TRIALS, BoolArray, Trial, read_trial, since
+from harness.reproduce.bench.broad import (
+    FOLDER,
+    LIMITS,
+    TRIALS,
+    BoolArray,
+    Trial,
+    read_trial,
+    since,
+)
 from harness.reproduce.bench.pose import SETTINGS
 from harness.reproduce.item import Context
 
@@ -71,15 +79,12 @@ SETTINGS_E13: Mapping[str, Any] = {
     "attitude_noise": 1e-3,
     "gravity": 9.813,
     "gate": 1e6,
-    "limits.rate_range": 34.9,
-    "limits.force_range": 157.0,
+    **LIMITS,
 }
 """Of E13's filter on BROAD: found by trying, as E13 did; it has no gate."""
 _SHEET: Mapping[str, Any] = {
     "inertial.rate_noise": np.radians(0.01),
     "inertial.force_noise": 3e-3,
-    "inertial.rate_range": 4.36,
-    "inertial.force_range": 19.6,
     "inertial.between": 0.05,
     "tracker.position_noise": 7e-5,
     "tracker.attitude_noise": 2e-3,

@@ -33,6 +33,7 @@ from harness.record import reason
 
 __all__ = [
     "FOLDER",
+    "LIMITS",
     "SETTLING",
     "THINNED",
     "TRIALS",
@@ -54,6 +55,8 @@ TRIALS = (
 )
 THINNED = 10
 """Inertial samples to an optical one, where optical samples are the rarer ones."""
+LIMITS: Mapping[str, float] = {"limits.rate_range": 34.9, "limits.force_range": 157.0}
+"""Of the unit, 2000 deg/s and 16 g: parameters of estimators."""
 SETTLING = 10.0
 """Left out at the beginning of a trial [s]."""
 _COLUMNS = {"imu_gyr": 3, "imu_acc": 3, "imu_mag": 3, "opt_quat": 4, "opt_pos": 3, "movement": 1}

@@ -22,7 +22,7 @@ from fmu_src.pack.build import load_model
 from fmu_src.pack.compiled import CompiledRunner
 from harness.errors import SteadytipError
 from harness.parts import FloatArray
-from harness.reproduce.bench.broad import THINNED, Trial, northward
+from harness.reproduce.bench.broad import LIMITS, THINNED, Trial, northward
 
 __all__ = ["KINDS", "Errors", "Estimator", "errors", "estimators", "of_model", "vqf"]
 
@@ -33,7 +33,6 @@ FIELD, DIP = 43.8e-6, np.radians(69.1)
 """Of the laboratory, as the unit has it at rest at the beginning of trial 02 [T, rad]."""
 INTERVAL = 3.5e-3
 """Between samples of the unit [s]."""
-_LIMITS = {"limits.rate_range": 34.9, "limits.force_range": 157.0}
 
 
 @dataclass(frozen=True)
@@ -93,7 +92,7 @@ def estimators() -> list[Estimator]:
             "rate, force, field",
             Trial.inertial,
             {
-                **_LIMITS,
+                **LIMITS,
                 "inertial.gravity": GRAVITY,
                 "magnetic.strength": FIELD,
                 "magnetic.inclination": DIP,
@@ -103,7 +102,7 @@ def estimators() -> list[Estimator]:
             "optical filter (C23)",
             f"rate, and an optical attitude at each {THINNED}th sample",
             lambda trial: {**trial.inertial(), **trial.optical(trial.thinned())},
-            {**_LIMITS, "rate_interval": INTERVAL, "lag_sigma": 0.01},
+            {**LIMITS, "rate_interval": INTERVAL, "lag_sigma": 0.01},
         ),
     }
     return [vqf(), *(of_model(model, *how) for model, how in ours.items())]

@@ -24,11 +24,12 @@ from scipy.spatial.transform import Rotation
 from fmu_src.kit import Model
 from fmu_src.pack.compiled import CompiledRunner
 from harness.parts import FloatArray
-from harness.reproduce.bench.broad import THINNED, BoolArray, Trial, since
+from harness.reproduce.bench.broad import LIMITS, THINNED, BoolArray, Trial, since
 
 __all__ = ["SETTINGS", "Errors", "Followed", "errors", "follow", "occlusions"]
 
 SETTINGS: Mapping[str, float] = {
+    **LIMITS,
     "gravity_sigma": 0.03,
     "inertial.rate_noise": 7e-4,
     "inertial.force_noise": 1.1e-2,
