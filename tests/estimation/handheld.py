@@ -169,3 +169,16 @@ def no_attitude(inputs):
     attitude = inputs["optical_attitude"].copy()
     attitude[round(8 / T) : round(8.5 / T)] = 0.0
     return {**inputs, "optical_attitude": attitude}
+
+
+def check_fault(true: World, out, flag: str | None, bound: float, turn: float) -> None:
+    """A fault from 8 to 8.5 s: errors within bounds [m, deg], told while it lasts, over by 10 s."""
+    position, attitude = errors(true, out)
+    assert position[round(4 / T) :].max() < bound
+    assert attitude[round(4 / T) :].max() < np.radians(turn)
+    if flag:
+        assert out[flag][round(8.15 / T) : round(8.2 / T)].all()
+        assert not out[flag][round(2 / T) : round(7.9 / T)].any()
+        assert not out[flag][round(9 / T) :].any()
+    assert position[round(10 / T) :].max() < 1.5e-3
+    assert out["valid"][round(10 / T) :].all()

@@ -22,6 +22,7 @@ from tests.estimation.handheld import (
     NOISE,
     T,
     World,
+    check_fault,
     clipped_force,
     errors,
     frozen_tracker,
@@ -225,16 +226,7 @@ def test_a_fault_is_told_bounded_and_over_when_it_is_over(case) -> None:
     change, flag, bound = FAULTS[case]
     true = world(14.0)
     out = estimate(replace(true, inputs=change(true.inputs)))
-    position, attitude = errors(true, out)
-    assert position[round(4 / T) :].max() < bound
-    assert attitude[round(4 / T) :].max() < np.radians(20)
-    if flag:
-        during = slice(round(8.15 / T), round(8.2 / T))
-        assert out[flag][during].all()
-        assert not out[flag][round(2 / T) : round(7.9 / T)].any()
-        assert not out[flag][round(9 / T) :].any()
-    assert position[round(10 / T) :].max() < 1.5e-3
-    assert out["valid"][round(10 / T) :].all()
+    check_fault(true, out, flag, bound, turn=20)
 
 
 def test_one_wild_pose_hardly_moves_the_estimate_and_a_new_truth_is_believed() -> None:
