@@ -147,3 +147,13 @@ def test_in_the_recordings_gravity_and_field_agree_with_the_pose(data_dir, name)
         field = 1e6 * world.apply(trial.field[counts]).mean(axis=0)
         assert abs(field[1]) < 0.1 * field[0]
         assert -50.0 < field[2] < -35.0
+
+
+def test_a_file_that_ends_early_is_told_wherever_it_ends(tmp_path, content):
+    path = tmp_path / "trial.mat"
+    savemat(path, content)
+    whole = path.read_bytes()
+    for end in range(0, len(whole) - 1, 7):
+        path.write_bytes(whole[:end])
+        with pytest.raises(SteadytipError):
+            broad.read_trial(path)

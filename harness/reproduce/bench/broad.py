@@ -175,7 +175,7 @@ def read_trial(path: Path) -> Trial:
             content: Mapping[str, np.ndarray] = loadmat(file)
     except OSError as error:
         raise SteadytipError(f"{path} cannot be read: {reason(error)}") from None
-    except (MatReadError, NotImplementedError, ValueError, TypeError) as error:
+    except (MatReadError, NotImplementedError, ValueError, TypeError, IndexError) as error:
         raise SteadytipError(
             f"{path} is not a MATLAB v5 file ({error}); save it with `-v7` or older"
         ) from None
