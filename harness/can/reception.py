@@ -1,0 +1,453 @@
+"""What comes in: frames checked, samples put together, ages and faults kept. No I/O, no clock.
+
+All times are integer microseconds of one clock, and all that happens follows from the calls with
+their times, so that a log of them gives the same again.
+
+| fault | what it is | what happens |
+| --- | --- | --- |
+| lost | counter jumps by 2 or 3 | the last value is held |
+| sequence | counter jumps further | invalid until two good frames follow |
+| repeated | same counter again | frame dropped |
+| crc | CRC wrong, or of another id | frame dropped, counter kept |
+| timeouts | nothing within the timeout | invalid |
+| range | not available, or out of range | value held; invalid with three in a row |
+| incomplete | a part of a sample missing | sample dropped |
+| length | wrong length, remote or error frame with an id of ours | frame dropped |
+| unknown | id that is not in the file | nothing; above a rate it is babbling |
+| heartbeat | none within its timeout, or a state that is not operational | invalid |
+| late | a sample that came after its tick | taken, with its age, at the next tick |
+
+A sample is complete when its frames with one counter are there; frames of different counters never
+meet. Its number continues the one before as the counter does. After a gap the counter leaves open
+whether samples are missing or late; where it and the clock do not tell the same number, samples are
+dropped until the board's own sample counter comes by.
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from dataclasses import dataclass, field
+
+from harness.can.clock import BoardClock
+from harness.can.codec import Codec
+from harness.can.database import OPERATIONAL, Database, Message, frame_time
+from harness.can.protection import USABLE, Counter, Status
+
+__all__ = ["FAULTS", "Event", "Reception", "Sample"]
+
+FAULTS = (
+    "lost",
+    "repeated",
+    "sequence",
+    "crc",
+    "timeouts",
+    "range",
+    "incomplete",
+    "length",
+    "unknown",
+    "heartbeat",
+    "bus_off",
+    "unplugged",
+    "late",
+    "overruns",
+)
+"""Counted since the start, in the order of a part's ports."""
+PER_MESSAGE = ("received", "lost", "repeated", "sequence", "crc", "timeouts", "range", "length")
+"""Counted for each message."""
+
+_IN_A_ROW = 3
+"""Bad values of a signal that make a fault."""
+_FAR = 128  # samples back: further is a board that counts anew, less is a late frame
+_WINDOW = 100_000  # us over which rates are taken
+_BABBLE = 500.0  # unknown frames a second that are babbling (chosen: half of a message of 1 kHz)
+
+
+@dataclass(frozen=True)
+class Event:
+    """A fault begins.
+
+    Attributes:
+        time: [us].
+        kind: one of `FAULTS`, or `babbling`.
+        text: in words.
+    """
+
+    time: int
+    kind: str
+    text: str
+
+
+@dataclass(frozen=True, slots=True)
+class Sample:
+    """One complete sample.
+
+    Attributes:
+        number: samples since the board began.
+        time: of its last frame [us].
+        values: of all its messages, one after the other.
+        anew: the board has begun to count anew with it.
+    """
+
+    number: int
+    time: int
+    values: tuple[float, ...]
+    anew: bool = False
+
+
+class Heard:
+    """One message that others send."""
+
+    def __init__(self, message: Message, codec: Codec, time: float) -> None:
+        self.message = message
+        self.length = message.length
+        self.seconds = time
+        self.modulus = message.modulus
+        self.decode = codec.decode
+        self.is_intact = codec.is_intact
+        self.counter_of = codec.counter
+        self.counter = Counter(self.modulus) if self.modulus else None
+        self.timeout = message.timeout * 1e6
+        self.last: int | None = None
+        """Time of the last intact frame that was new [us]."""
+        self.silent = False
+        self.values: tuple[float, ...] = ()
+        self.runs = [0] * len(message.signals)
+        """Bad values in a row."""
+        self.counts = dict.fromkeys(PER_MESSAGE, 0)
+        self.part = -1
+        """Place in the sample; -1: in none."""
+
+    @property
+    def in_sequence(self) -> bool:
+        return self.counter is None or self.counter.in_sequence
+
+
+@dataclass(slots=True)
+class _Slot:
+    """A sample that is being put together."""
+
+    begun: int
+    left: int
+    parts: list[tuple[float, ...] | None] = field(default_factory=list)
+
+
+class Reception:
+    """What one node hears.
+
+    Attributes:
+        ready: complete samples that nobody has taken yet.
+        clock: the board's.
+        counts: of each fault.
+        events: what happened, oldest first; the caller takes them away.
+        load: share of the bus that frames took, over the last whole window.
+    """
+
+    def __init__(self, database: Database, node: str, period: float) -> None:
+        """Get ready for the messages of all other nodes.
+
+        Args:
+            database: of the bus.
+            node: this one.
+            period: of the samples [us].
+        """
+        self._database = database
+        self._period = period
+        self.heard = {
+            m.id: Heard(m, Codec(m), database.seconds(m)) for m in database.heard_by(node)
+        }
+        self._parts = [h for h in self.heard.values() if h.message.role == "sample"]
+        for index, part in enumerate(self._parts):
+            part.part = index
+        self._slots: dict[int, _Slot] = {}
+        self._stale = (self._parts[0].modulus // 2 if self._parts else 7) * period
+        self._numbered = next(
+            (
+                sum(len(h.message.signals) for h in self._parts[: part.part]) + index
+                for part in self._parts
+                for index, s in enumerate(part.message.signals)
+                if s.name == "sample"
+            ),
+            None,
+        )
+        self._gap = True
+        """Whether the counter alone does not tell the next sample's number."""
+        self._number: int | None = None
+        """Of the last complete sample, or the one before what the board first said."""
+        self._said: tuple[int, int] | None = None
+        """What the board last said of its counter, and when."""
+        self._anew = False
+        self.ready: deque[Sample] = deque()
+        self.clock = BoardClock(period)
+        self.counts = dict.fromkeys(FAULTS, 0)
+        self.events: list[Event] = []
+        self.load = 0.0
+        self.peak_load = 0.0
+        self._window: int | None = None
+        self._busy = 0.0
+        self._foreign = 0
+        self._babbling = False
+        self._lengths: dict[tuple[int, bool], float] = {}
+
+    @property
+    def timeout(self) -> float:
+        """Age beyond which a sample is not to be used [us]."""
+        return min((part.timeout for part in self._parts), default=float("inf"))
+
+    @property
+    def has_samples(self) -> bool:
+        """Whether anybody sends samples."""
+        return bool(self._parts)
+
+    @property
+    def signals(self) -> tuple[str, ...]:
+        """Names of a sample's values, in their order."""
+        return tuple(s.name for part in self._parts for s in part.message.signals)
+
+    def take(
+        self, time: int, id: int, data: bytes, odd: bool = False, is_fd: bool = False
+    ) -> Heard | None:
+        """A frame came in.
+
+        Args:
+            time: [us].
+            id: arbitration id, bit 31 set for an extended one.
+            data: its bytes.
+            odd: a remote or an error frame.
+            is_fd: of CAN FD.
+
+        Returns:
+            The message that it is good news of; None if it was dropped.
+        """
+        heard = self.heard.get(id)
+        if heard is None:
+            self.counts["unknown"] += 1
+            self._foreign += 1
+            self._busy += self._time_of(len(data), is_fd)
+            return None
+        self._busy += heard.seconds
+        counts = heard.counts
+        if odd or len(data) != heard.length or is_fd != heard.message.is_fd:
+            counts["length"] += 1
+            self.counts["length"] += 1
+            return None
+        if not heard.is_intact(data):
+            counts["crc"] += 1
+            self.counts["crc"] += 1
+            return None
+        counter = heard.counter
+        if counter is not None:
+            status = counter.take(heard.counter_of(data))
+            if status is not Status.REPEATED:
+                heard.last = time
+                heard.silent = False
+            if status is not Status.OK and not self._usable(heard, status, time):
+                return None
+        values, bad = heard.decode(data)
+        counts["received"] += 1
+        if bad:
+            values = self._held(heard, values, bad, time)
+        elif any(heard.runs):
+            heard.runs = [0] * len(heard.runs)
+        heard.last = time
+        heard.silent = False
+        heard.values = values
+        if heard.part >= 0:
+            self._put(heard, heard.counter_of(data), time)
+        elif heard.message.role == "status":
+            self._told(heard, time)
+        return heard
+
+    def tick(self, time: int) -> None:
+        """Look who has been silent for too long, and how busy the bus was."""
+        for heard in self.heard.values():
+            if heard.silent or heard.last is None or time - heard.last <= heard.timeout:
+                continue
+            heard.silent = True
+            heard.counts["timeouts"] += 1
+            name = heard.message.name
+            kind = "heartbeat" if heard.message.role == "heartbeat" else "timeouts"
+            self.counts[kind] += 1
+            text = f"no {name} for {(time - heard.last) / 1e3:.1f} ms"
+            self.events.append(Event(time, kind, f"{text}, more than {heard.timeout / 1e3:g} ms"))
+            if heard.counter is not None:
+                heard.counter.silence()
+                self._gap = self._gap or heard.part >= 0
+        if self._window is None:
+            self._window = time
+        elif time - self._window >= _WINDOW:
+            self._measure(time)
+
+    @property
+    def fault(self) -> str:
+        """Why values are not to be used, one of `FAULTS`; empty if they are."""
+        for heard in self.heard.values():
+            if heard.message.role == "heartbeat":
+                if heard.silent or (heard.values and heard.values[0] != OPERATIONAL):
+                    return "heartbeat"
+            elif heard.part >= 0 or heard.message.role == "command":
+                if heard.silent:
+                    return "timeouts"
+                if not heard.in_sequence:
+                    return "sequence"
+                if heard.runs and max(heard.runs) >= _IN_A_ROW:
+                    return "range"
+        return ""
+
+    def restart(self) -> None:
+        """After the medium was gone: what was under way is void, counters begin anew."""
+        self._slots.clear()
+        self.ready.clear()
+        self._gap = True
+        for heard in self.heard.values():
+            if heard.counter is not None:
+                heard.counter.silence()
+
+    def _usable(self, heard: Heard, status: Status, time: int) -> bool:
+        """Count what the counter says; whether the frame is to be used all the same."""
+        name = {
+            Status.OK_SOME_LOST: "lost",
+            Status.REPEATED: "repeated",
+            Status.WRONG_SEQUENCE: "sequence",
+        }.get(status)
+        if name is not None:
+            count = heard.counter.lost if status is Status.OK_SOME_LOST else 1  # type: ignore
+            heard.counts[name] += count
+            self.counts[name] += count
+        if status is Status.WRONG_SEQUENCE:
+            self._gap = self._gap or heard.part >= 0
+            text = f"the counter of {heard.message.name} jumped"
+            self.events.append(Event(time, "sequence", text))
+        # What the board says of its count is right whatever was before.
+        return status in USABLE or (
+            heard.message.role == "status" and status is not Status.REPEATED
+        )
+
+    def _held(
+        self, heard: Heard, values: tuple[float, ...], bad: int, time: int
+    ) -> tuple[float, ...]:
+        """Values with those that are bad replaced by the ones before."""
+        kept = list(values)
+        for index, signal in enumerate(heard.message.signals):
+            if not bad >> index & 1:
+                heard.runs[index] = 0
+                continue
+            heard.runs[index] += 1
+            heard.counts["range"] += 1
+            self.counts["range"] += 1
+            # Before there ever was a good one, the middle of the range stands in, and is invalid.
+            middle = (signal.low + signal.high) / 2 * signal.scale + signal.offset
+            kept[index] = heard.values[index] if heard.values else middle
+            if not heard.values:
+                heard.runs[index] = _IN_A_ROW
+            if heard.runs[index] == _IN_A_ROW:
+                text = f"{heard.message.name}.{signal.name} not available or out of range"
+                self.events.append(Event(time, "range", f"{text}, {_IN_A_ROW} times in a row"))
+        return tuple(kept)
+
+    def _put(self, heard: Heard, counter: int, time: int) -> None:
+        """A part of a sample."""
+        slots = self._slots
+        slot = slots.get(counter)
+        if slot is not None and (
+            slot.parts[heard.part] is not None or time - slot.begun > self._stale
+        ):
+            del slots[counter]
+            self.counts["incomplete"] += 1
+            slot = None
+        if slot is None:
+            slot = _Slot(time, len(self._parts), [None] * len(self._parts))
+            slots[counter] = slot
+        slot.parts[heard.part] = heard.values
+        slot.left -= 1
+        if slot.left:
+            return
+        for older in list(slots):
+            del slots[older]
+            if older == counter:
+                break
+            self.counts["incomplete"] += 1
+        self._complete(counter, time, tuple(v for part in slot.parts for v in part or ()))
+
+    def _complete(self, counter: int, time: int, values: tuple[float, ...]) -> None:
+        number = self._number_of(counter, time, values)
+        if number is None:
+            return
+        if self._number is not None and number <= self._number and not self._anew:
+            self.counts["late"] += 1
+            return
+        self.clock.take(number, time)
+        self._number, self._gap = number, False
+        self.ready.append(Sample(number, time, values, self._anew))
+        self._anew = False
+
+    def _number_of(self, counter: int, time: int, values: tuple[float, ...]) -> int | None:
+        """Of a complete sample; None if it cannot be told."""
+        if self._numbered is not None:
+            number = int(values[self._numbered])
+            if self._number is not None and self._number - number > _FAR:
+                self._began_anew(number, time)
+            return number
+        modulus = self._parts[0].modulus
+        if self._number is None:
+            return None
+        next_one = self._number + (counter - self._number - 1) % modulus + 1
+        if not self._gap:
+            return next_one
+        if self._said is not None and time - self._said[1] <= self._stale:
+            said = self._said[0]
+            return said + (counter - said) % modulus
+        near = self.clock.at(time) if self.clock.is_locked else next_one
+        by_clock = near + (counter - near + modulus // 2) % modulus - modulus // 2
+        return next_one if next_one == by_clock else None
+
+    def _told(self, heard: Heard, time: int) -> None:
+        """The board says how many samples there have been; that of the next frames is this one."""
+        if self._numbered is not None:
+            return
+        names = [s.name for s in heard.message.signals]
+        if "sample" not in names:
+            return
+        said = int(heard.values[names.index("sample")])
+        if self._number is None:
+            self._number = said - 1
+        ahead = said - self._number
+        if ahead < -_FAR:
+            self._began_anew(said, time)
+            self._number = said - 1
+        # Further on than it should be: samples have been dropped whose counter nobody saw.
+        self._gap = self._gap or not -_FAR <= ahead <= self._parts[0].modulus // 2
+        self._said = (said, time)
+
+    def _began_anew(self, number: int, time: int) -> None:
+        """The board's count is another one than it was."""
+        text = f"the board counts {number} samples, {(self._number or 0) + 1} were expected"
+        self.counts["sequence"] += 1
+        self.events.append(Event(time, "sequence", text))
+        self._slots.clear()
+        self.ready.clear()
+        self._anew = self._gap = True
+        self.clock.restart(number, time)
+
+    def _time_of(self, length: int, is_fd: bool) -> float:
+        found = self._lengths.get((length, is_fd))
+        if found is None:
+            database = self._database
+            found = frame_time(length, is_fd, database.bitrate, database.data_bitrate)
+            self._lengths[length, is_fd] = found
+        return found
+
+    def sent(self, seconds: float) -> None:
+        """A frame of this node takes its time on the bus, too [s]."""
+        self._busy += seconds
+
+    def _measure(self, time: int) -> None:
+        assert self._window is not None
+        span = (time - self._window) * 1e-6
+        self.load = self._busy / span
+        self.peak_load = max(self.peak_load, self.load)
+        babbling = self._foreign / span > _BABBLE
+        if babbling and not self._babbling:
+            text = f"{self._foreign / span:.0f} unknown frames a second"
+            self.events.append(Event(time, "babbling", f"{text}, bus load {self.load:.0%}"))
+        self._babbling = babbling
+        self._busy, self._foreign, self._window = 0.0, 0, time
