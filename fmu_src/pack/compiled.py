@@ -6,8 +6,6 @@ the library is kept in the build folder, under a name that its sources determine
 
 import ctypes
 import hashlib
-import os
-import tempfile
 from collections.abc import Mapping
 from functools import cache
 from importlib.metadata import version
@@ -53,14 +51,7 @@ def _compiled(model: Model) -> Any:
     named = "\n".join([*texts.values(), part.triple, version("ziglang")])
     digest = hashlib.sha256(named.encode()).hexdigest()[:32]
     library = (CACHE / "runs" / f"{digest}{part.suffix}").resolve()
-    if not library.is_file():
-        content = native.compile_library(model.name, texts, part, CACHE)
-        library.parent.mkdir(parents=True, exist_ok=True)
-        # Others may be at it, too: what appears under the name is whole.
-        handle, written = tempfile.mkstemp(dir=library.parent, suffix=part.suffix)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(written).replace(library)
+    native.kept(library, lambda: native.compile_library(model.name, texts, part, CACHE))
     return ctypes.CDLL(str(library)).run
 
 

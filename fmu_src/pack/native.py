@@ -10,7 +10,7 @@ import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -127,18 +127,39 @@ def compile_library(name: str, texts: dict[str, str], part: Slice, cache: Path) 
     Raises:
         SteadytipError: the compiler is missing or refused the sources; with its words.
     """
+    library = name + part.suffix
+    flags = [flag.format(name=name) for flag in part.flags]
+    arguments = ["-target", part.triple, *_FLAGS, csource.ENTRY, "-o", library, *flags]
+    try:
+        return compile_c(texts, arguments, library, cache)
+    except SteadytipError as error:
+        raise SteadytipError(
+            f"{name}: the compiler refused the generated sources for {part.triple}:\n{error}"
+        ) from None
+
+
+def compile_c(
+    texts: Mapping[str, str], arguments: Sequence[str], product: str, cache: Path
+) -> bytes:
+    """Compile in a folder of its own and return one file of what comes out.
+
+    Args:
+        texts: sources and headers by file name.
+        arguments: of the compiler, paths relative to that folder.
+        product: name of the file that is wanted.
+        cache: folder of the compiler's own files.
+
+    Raises:
+        SteadytipError: the compiler is missing or refused the sources; its words alone.
+    """
     cache = cache.resolve()
     cache.mkdir(parents=True, exist_ok=True)
     caches = {f"ZIG_{scope}_CACHE_DIR": str(cache) for scope in ("GLOBAL", "LOCAL")}
     with tempfile.TemporaryDirectory() as folder:
         for file, text in texts.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
-        library = name + part.suffix
-        flags = [flag.format(name=name) for flag in part.flags]
-        command = [sys.executable, "-m", "ziglang", "cc", "-target", part.triple, *_FLAGS]
-        command += [csource.ENTRY, "-o", library, *flags]
         done = subprocess.run(
-            command,
+            [sys.executable, "-m", "ziglang", "cc", *arguments],
             cwd=folder,
             env={**os.environ, **caches},
             capture_output=True,
@@ -146,11 +167,28 @@ def compile_library(name: str, texts: dict[str, str], part: Slice, cache: Path) 
             check=False,
         )
         if done.returncode != 0:
-            raise SteadytipError(
-                f"{name}: the compiler refused the generated sources for {part.triple}:\n"
-                + done.stderr.strip()
-            )
-        return (Path(folder) / library).read_bytes()
+            raise SteadytipError(done.stderr.strip())
+        return (Path(folder) / product).read_bytes()
+
+
+def kept(path: Path, make: Callable[[], bytes], mode: int = 0o644) -> Path:
+    """A file whose name its content determines: made when missing, and whole when it is there.
+
+    Args:
+        path: where it is kept.
+        make: gives its content.
+        mode: permissions.
+    """
+    if not path.is_file():
+        content = make()
+        path.parent.mkdir(parents=True, exist_ok=True)
+        # Others may be at it, too: what appears under the name is whole.
+        handle, written = tempfile.mkstemp(dir=path.parent, suffix=path.suffix)
+        with os.fdopen(handle, "wb") as file:
+            file.write(content)
+        Path(written).chmod(mode)
+        Path(written).replace(path)
+    return path
 
 
 def _universal(slices: Sequence[Slice], libraries: Sequence[bytes]) -> bytes:
