@@ -15,6 +15,8 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.analyze.cli import analyze
+from harness.bench import app as bench
+from harness.hil.cli import board, hil, replay
 from harness.identify.cli import app as identify
 from harness.reproduce.cli import reproduce
 from harness.ssp.cli import app as ssp
@@ -27,8 +29,12 @@ app = typer.Typer(
 )
 app.add_typer(ssp, name="ssp")
 app.add_typer(identify, name="identify")
+app.add_typer(bench, name="bench")
 app.command()(reproduce)
 app.command()(analyze)
+app.command()(hil)
+app.command()(board)
+app.command()(replay)
 _console = Console()
 _errors = Console(stderr=True)
 
@@ -226,6 +232,20 @@ def validate(
         reports.write_json(json, verdicts)
     if not all(verdict.good for verdict in verdicts):
         raise typer.Exit(1)
+
+
+@app.command()
+def convert(
+    run: Annotated[Path, typer.Argument(help="Folder of a run, or its results.parquet.")],
+    out: Annotated[Path | None, typer.Option(help="Folder of the files; that of the run.")] = None,
+) -> None:
+    """Write a run's signals, and the frames of its log, as MF4 for other tools."""
+    from harness.convert import convert as write
+
+    with _console.status("writing MF4"):
+        paths = write(run, out)
+    for path in paths:
+        _console.print(str(path), highlight=False, soft_wrap=True)
 
 
 @app.command()

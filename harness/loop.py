@@ -4,6 +4,8 @@ One float64 vector holds the outputs of all parts. Behind it lie the vectors of 
 many as the longest wire delay, so that gathering a part's inputs is one indexed copy whatever the
 delays are. Tick k steps every part from `k * step` to `(k + 1) * step`; what is recorded at time
 `k * step` are the outputs after that: the values of the sample instant in that interval.
+
+On the wall clock a `Pace` says when a tick begins, and how many steps it spans.
 """
 
 from __future__ import annotations
@@ -14,22 +16,64 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
+from typing import Protocol, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import FaultError, PartError, RunError, StoppedError
-from harness.parts import Killable, Part, Run
+from harness.parts import FloatArray, Killable, Part, Run
 from harness.record import Recorder
 from harness.system import System
 
-__all__ = ["Loop", "Outcome"]
+__all__ = ["Loop", "Outcome", "Pace"]
+
+_T = TypeVar("_T")
 
 _POLL = 0.05  # s between two looks of the watching thread
 _CLOSING = 2.0  # s that parts get to free themselves once a run has ended
 
 Progress = Callable[[float, float], None]
 """Told the simulated time done, and that of the whole run [s]."""
+
+
+class Pace(Protocol):
+    """Makes ticks keep to the wall clock.
+
+    Attributes:
+        name: part that is waited for; empty: the clock.
+        watchdog: wall-clock time that the step of any part may take [s].
+    """
+
+    name: str
+    watchdog: float
+
+    def begin(self, idle: Callable[[], None]) -> None:
+        """The first tick is to come; in the loop's own thread.
+
+        Args:
+            idle: to be called when there is time, some times a second at least.
+
+        Raises:
+            FaultError: it cannot come.
+        """
+
+    def wait(self, tick: int) -> int:
+        """Wait until a tick is to begin.
+
+        Returns:
+            Steps that it spans; 0: the run is over.
+
+        Raises:
+            FaultError: no tick will come any more.
+        """
+
+    def stop(self) -> None:
+        """The user wants an end, also to waiting; from another thread."""
+
+    def end(self) -> None:
+        """There is no further tick; in the loop's own thread, also after a failure."""
 
 
 @dataclass(frozen=True)
@@ -52,18 +96,30 @@ class Outcome:
 class Loop:
     """One run of a system."""
 
-    def __init__(self, system: System, run: Run, recorder: Recorder) -> None:
+    def __init__(
+        self,
+        system: System,
+        run: Run,
+        recorder: Recorder,
+        pace: Pace | None = None,
+        observe: Callable[[FloatArray], None] | None = None,
+    ) -> None:
         """Lay out signals and inputs.
 
         Args:
             system: parts and their wiring.
             run: step, number of ticks, workspace.
             recorder: takes the signals of every tick.
+            pace: of the wall clock; without one, ticks follow each other at once.
+            observe: takes the signals of every tick, too.
         """
         self._run = run
+        self._pace = pace
+        self._observe = observe
         self._recorder = recorder
         self._order = [system.parts[name] for name in system.wiring.order]
         self._limits = [system.step_limits[part.name] for part in self._order]
+        self._limit_name = "step_limit"
         offsets: dict[str, int] = {}
         columns: dict[tuple[str, str], int] = {}
         for name, part in system.parts.items():
@@ -116,6 +172,8 @@ class Loop:
                     break
             except KeyboardInterrupt:
                 self._stop = True
+                if self._pace is not None:
+                    self._pace.stop()
         self._close(hung)
         error = self._error
         if error is not None and not isinstance(error, RunError):
@@ -139,8 +197,9 @@ class Loop:
         part = self._order[index]
         text = (
             f"part '{part.name}' did not come back from {doing} at t = {t:.6g} s within its "
-            f"step_limit of {self._limits[index]:g} s. "
+            f"{self._limit_name} of {self._limits[index]:g} s. "
         )
+        self._stop = True  # if it comes back after all
         self._error = PartError(part.name, t, f"{text}It is left hanging; the run ends here.")
         if not (isinstance(part, Killable) and part.kill()):
             return part
@@ -155,7 +214,7 @@ class Loop:
                 self._start()
                 begun = time.perf_counter()
                 try:
-                    self._tick()
+                    self._paced(self._tick)
                 finally:
                     self._wall = time.perf_counter() - begun
         except BaseException as error:  # handed to the watching thread, which raises it
@@ -164,6 +223,29 @@ class Loop:
         finally:
             self._now = None
             self._done.set()
+
+    def _paced(self, tick: Callable[[], None]) -> None:
+        if self._pace is None:
+            tick()
+            return
+        self._limits[:] = [min(limit, self._pace.watchdog) for limit in self._limits]
+        self._limit_name = "watchdog of the wall clock"
+        try:
+            self._waited(partial(self._pace.begin, self._recorder.relieve), 0.0)
+            tick()
+        finally:
+            self._pace.end()
+
+    def _waited(self, wait: Callable[[], _T], t: float) -> _T:
+        """What a pace says; its failure is that of the part it waits for."""
+        assert self._pace is not None
+        self._now = None
+        try:
+            return wait()
+        except FaultError as error:
+            name = self._pace.name
+            who = f"part '{name}'" if name else "the clock"
+            raise PartError(name, t, f"{who} ended the run at t = {t:.6g} s: {error}") from None
 
     def _start(self) -> None:
         for index, part in enumerate(self._order):
@@ -202,16 +284,23 @@ class Loop:
                 )
             )
         ]
-        step, finite = self._run.step, math.isfinite
-        for k in range(self._run.steps):
+        step, finite, pace = self._run.step, math.isfinite, self._pace
+        observe = self._observe
+        k, last, spanned, h = 0, self._run.steps, 1, self._run.step
+        while k < last:
             t = k * step
+            if pace is not None:
+                spanned = self._waited(partial(pace.wait, k), t)
+                if not spanned:
+                    break
+                h = spanned * step
             since = clock()
             for index, sources, u, advance, y, dot, limit in plan:
                 self._now = (index, "its step", t, since)
                 if sources is not None:
                     take(sources, out=u, mode="clip")
                 try:
-                    advance(t, step)
+                    advance(t, h)
                 except FaultError as error:
                     name = self._order[index].name
                     raise PartError(
@@ -225,12 +314,18 @@ class Loop:
                     self._check_time(index, t)
                 since = now
             self._now = None
-            record(signals)
-            self._ticks = k + 1
-            if delayed:
-                older[:] = newer
+            for _ in range(spanned):
+                record(signals)
+                if observe is not None:
+                    observe(signals)
+                if delayed:
+                    older[:] = newer
+            k += spanned
+            self._ticks = k
             if self._stop:
-                raise StoppedError(f"stopped by the user at t = {(k + 1) * step:.6g} s")
+                break
+        if self._stop:
+            raise StoppedError(f"stopped by the user at t = {k * step:.6g} s")
 
     def _check_finite(self, index: int, t: float) -> None:
         part = self._order[index]
@@ -253,7 +348,7 @@ class Loop:
                 name,
                 t,
                 f"part '{name}' took {took:.3g} s for {doing} at t = {t:.6g} s, more than its "
-                f"step_limit of {self._limits[index]:g} s",
+                f"{self._limit_name} of {self._limits[index]:g} s",
             )
 
     def _close(self, hung: Part | None) -> None:

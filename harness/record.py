@@ -20,6 +20,7 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import csv, parquet
 
+from harness.behind import BehindFile, write_all
 from harness.errors import RecordError, SteadytipError
 from harness.parts import FloatArray, PortType
 
@@ -34,6 +35,7 @@ __all__ = [
     "reason",
     "record_file",
     "replacing",
+    "write_text",
 ]
 
 STREAM, PARQUET, CSV = "results.arrows", "results.parquet", "results.csv"
@@ -41,6 +43,9 @@ METRICS, REPORT = "metrics.json", "report.html"
 OUTPUTS = (STREAM, PARQUET, CSV, METRICS, REPORT)
 CHUNK = 1000
 """Ticks per chunk of the stream: what a killed process loses at most."""
+
+_WORTHWHILE = 50  # ticks
+_END = b"\xff\xff\xff\xff\0\0\0\0"  # of an Arrow IPC stream
 
 _FACTS = b"steadytip"
 _ARROW: Mapping[PortType, pa.DataType] = {
@@ -64,7 +69,12 @@ class Recorder:
     """Takes the signals of every tick and writes them in chunks."""
 
     def __init__(
-        self, folder: Path, columns: Sequence[Column], step: float, facts: Mapping[str, Any]
+        self,
+        folder: Path,
+        columns: Sequence[Column],
+        step: float,
+        facts: Mapping[str, Any],
+        patient: bool = True,
     ) -> None:
         """Clear the folder of an earlier run's files and open the stream.
 
@@ -73,6 +83,7 @@ class Recorder:
             columns: of the signals, in their order.
             step: period of the ticks [s].
             facts: about the run, JSON types only.
+            patient: whether the caller may be made to wait for a disk that is busy.
 
         Raises:
             RecordError: the folder cannot be written to.
@@ -85,12 +96,16 @@ class Recorder:
         self._chunk = np.empty((CHUNK, len(columns)))
         self._filled = 0
         self._broken = False
+        self._closed = False
         try:
             folder.mkdir(parents=True, exist_ok=True)
             for name in OUTPUTS:
                 (folder / name).unlink(missing_ok=True)
-            self._sink = pa.OSFile(str(self.stream), "wb")
-            self._writer = pa.ipc.new_stream(self._sink, self._schema)
+            path = self.stream
+            self._file = path.open("wb", buffering=0) if patient else BehindFile(path)
+            write_all(self._file, self._schema.serialize())
+            # The first chunk costs some milliseconds more than others: not during the run.
+            write_all(self._file, self._batch(0).serialize())
         except OSError as error:
             raise RecordError(f"cannot record to {folder}: {reason(error)}") from None
 
@@ -110,6 +125,15 @@ class Recorder:
         if self._filled == CHUNK:
             self.flush()
 
+    def relieve(self) -> None:
+        """Write what is held back if that is worth the while; for whoever has time now.
+
+        Raises:
+            RecordError: the disk does not take it.
+        """
+        if self._filled >= _WORTHWHILE:
+            self.flush()
+
     def flush(self) -> None:
         """Write what is held back.
 
@@ -118,16 +142,9 @@ class Recorder:
         """
         if not self._filled or self._broken:
             return
-        times = np.arange(self.ticks, self.ticks + self._filled) * self._step
-        values = np.ascontiguousarray(self._chunk[: self._filled].T)
-        arrays = [pa.array(times)]
-        arrays += [
-            pa.array(v != 0.0 if c.type == "Boolean" else v).cast(_ARROW[c.type])
-            for c, v in zip(self._columns, values, strict=True)
-        ]
-        batch = pa.record_batch(arrays, schema=self._schema)
+        batch = self._batch(self._filled)
         try:
-            self._writer.write_batch(batch)
+            write_all(self._file, batch.serialize())
         except OSError as error:
             self._broken = True
             raise RecordError(
@@ -138,12 +155,31 @@ class Recorder:
         self.ticks += self._filled
         self._filled = 0
 
-    def finish(self, facts: Mapping[str, Any], as_csv: bool = False) -> Path:
+    def _batch(self, n: int) -> pa.RecordBatch:
+        """The first ticks of those that are held back."""
+        times = np.arange(self.ticks, self.ticks + n) * self._step
+        values = np.ascontiguousarray(self._chunk[:n].T)
+        # Buffers as they are: a conversion of each column takes ten times as long.
+        buffer, width = pa.py_buffer(values), n * values.itemsize
+        arrays = [pa.array(times)]
+        for index, column in enumerate(self._columns):
+            held = buffer.slice(index * width, width)
+            if column.type == "Integer":
+                held = pa.py_buffer(values[index].astype(np.int32))
+            elif column.type == "Boolean":
+                held = pa.py_buffer(np.packbits(values[index] != 0.0, bitorder="little"))
+            arrays.append(pa.Array.from_buffers(_ARROW[column.type], n, [None, held]))
+        return pa.RecordBatch.from_arrays(arrays, schema=self._schema)
+
+    def finish(
+        self, facts: Mapping[str, Any], as_csv: bool = False, beside: pa.Table | None = None
+    ) -> Path:
         """Close the stream and turn it into Parquet.
 
         Args:
             facts: about the run, now that it is over.
             as_csv: write a CSV file beside it.
+            beside: more columns, a row for each tick.
 
         Returns:
             The file that holds the record.
@@ -156,10 +192,12 @@ class Recorder:
             return self.stream
         target = self.folder / PARQUET
         schema = _schema(self._columns, facts)
+        for field in beside.schema if beside is not None else ():
+            schema = schema.append(field)
         try:
             with replacing(target) as part, parquet.ParquetWriter(part, schema) as writer:
-                for batch in _batches(self.stream):
-                    writer.write_batch(batch.replace_schema_metadata(schema.metadata))
+                for batch in self._widened(beside):
+                    writer.write_table(batch.cast(schema))
         except OSError as error:
             size = self.stream.stat().st_size / 1e6
             raise RecordError(
@@ -168,7 +206,7 @@ class Recorder:
             ) from None
         try:
             if as_csv:
-                _write_csv(self.folder / CSV, self.stream, schema)
+                _write_csv(self.folder / CSV, self._widened(beside), schema)
         except OSError as error:
             raise RecordError(
                 f"{self.folder / CSV}: {reason(error)}. The record is complete in {target}."
@@ -177,19 +215,35 @@ class Recorder:
             self.stream.unlink()
         return target
 
+    def _widened(self, beside: pa.Table | None) -> Iterator[pa.Table]:
+        """The stream's chunks in larger ones, with more columns."""
+        done = 0
+        for batches in _grouped(_batches(self.stream), CHUNK):
+            table = pa.Table.from_batches(batches)
+            if beside is not None:
+                for name, column in zip(
+                    beside.column_names, beside.slice(done, len(table)).columns, strict=True
+                ):
+                    table = table.append_column(name, column)
+            done += len(table)
+            yield table
+
     def discard(self) -> None:
         """Leave no file of a run that never reached its first tick."""
         self.close()
         self.stream.unlink()
 
     def close(self) -> None:
-        """Write what is held back, if the disk takes it, and close the stream."""
+        """Write what is held back, if the disk takes it, and close the stream, once."""
+        if self._closed:
+            return
+        self._closed = True
         with suppress(RecordError):
             self.flush()
         with suppress(OSError):
-            self._writer.close()
+            write_all(self._file, _END)
         with suppress(OSError):
-            self._sink.close()
+            self._file.close()
 
 
 class replacing:  # noqa: N801 - reads as a verb in `with`
@@ -209,6 +263,21 @@ class replacing:  # noqa: N801 - reads as a verb in `with`
         self._part.unlink(missing_ok=True)
         if isinstance(error, OSError):
             error.filename = str(self._target)  # a failing write does not know where it was
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Write a file that the user asked for, and its folder, all at once or not at all.
+
+    Raises:
+        SteadytipError: it cannot be written.
+    """
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        with replacing(path) as part:
+            part.write_text(text, encoding="utf-8")
+    except OSError as error:
+        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
+    return path
 
 
 def reason(error: OSError) -> str:
@@ -235,14 +304,26 @@ def _batches(stream: Path) -> Iterator[pa.RecordBatch]:
                 return
 
 
-def _write_csv(target: Path, stream: Path, schema: pa.Schema) -> None:
+def _grouped(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[list[pa.RecordBatch]]:
+    """Chunks put together until they have so many rows."""
+    group: list[pa.RecordBatch] = []
+    for batch in batches:
+        group.append(batch)
+        if sum(len(b) for b in group) >= rows:
+            yield group
+            group = []
+    if group:
+        yield group
+
+
+def _write_csv(target: Path, tables: Iterator[pa.Table], schema: pa.Schema) -> None:
     """Header `name [unit]`, full precision."""
     units = [field.metadata[b"unit"].decode() for field in schema]
     names = [f"{n} [{u}]" if u else n for n, u in zip(schema.names, units, strict=True)]
     plain = pa.schema([pa.field(n, f.type) for n, f in zip(names, schema, strict=True)])
     with replacing(target) as part, csv.CSVWriter(part, plain) as writer:
-        for batch in _batches(stream):
-            writer.write_batch(pa.record_batch(batch.columns, schema=plain))
+        for table in tables:
+            writer.write_table(pa.table(table.columns, schema=plain))
 
 
 def record_file(path: Path) -> Path:

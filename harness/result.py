@@ -95,10 +95,11 @@ class Result:
 
     @cached_property
     def metrics(self) -> Mapping[str, Metric]:
-        """Figures of merit by name; see `harness.metrics` and `harness.consistency`."""
+        """Figures of merit by name: of `harness.metrics`, `.hil.figures` and `.consistency`."""
+        from harness.hil.figures import figures_of
         from harness.metrics import metrics_of_result
 
-        found = metrics_of_result(self)
+        found = metrics_of_result(self) | figures_of(self)
         return found | {k: v for each in self.consistency for k, v in each.metrics().items()}
 
     @cached_property

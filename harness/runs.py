@@ -8,20 +8,47 @@ import tempfile
 from collections.abc import Callable, Mapping
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import fmu_src
 from harness import scenario as scenarios
-from harness.errors import RecordError
-from harness.loop import Loop, Progress
+from harness.errors import RecordError, RunError, SteadytipError, StoppedError
+from harness.loop import Loop, Outcome, Pace, Progress
 from harness.parts import Run
 from harness.record import Recorder, reason, record_file
 from harness.result import Result
 from harness.system import System, assemble
 
-__all__ = ["default_folder", "facts_of", "run"]
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from harness.parts import FloatArray
+
+__all__ = ["Rig", "default_folder", "facts_of", "perform", "run"]
 
 _VERSIONS = ("fmpy", "numpy", "scipy", "pyarrow", "plotly")
+
+
+class Rig(Protocol):
+    """What there is beside a loop that keeps to the wall clock."""
+
+    @property
+    def pace(self) -> Pace:
+        """Of the ticks."""
+
+    @property
+    def observe(self) -> Callable[[FloatArray], None] | None:
+        """Takes the signals of every tick."""
+
+    def closed(self, outcome: Outcome) -> dict[str, Any]:
+        """The loop has ended: end everything else.
+
+        Returns:
+            More facts about the run, JSON types only.
+        """
+
+    def beside(self) -> tuple[pa.Table | None, dict[str, Any]]:
+        """More columns of the record, a row for each tick, and facts that follow from them."""
 
 
 def run(
@@ -55,17 +82,57 @@ def run(
     """
     checked = scenarios.load(scenario, overrides, variant)
     system = assemble(checked, Path(motion) if motion is not None else None, status)
+    on_bus = [name for name, table in checked.parts.items() if table.kind == "can"]
+    if on_bus:
+        raise SteadytipError(
+            f"{', '.join(on_bus)} in {checked.name} is on a CAN bus, which keeps to the wall "
+            f"clock: steadytip hil {checked.name}"
+        )
     folder = Path(out) if out is not None else default_folder(system)
+    return perform(system, folder, csv=csv, report=report, status=status, progress=progress)
+
+
+def perform(
+    system: System,
+    folder: Path,
+    *,
+    rig: Rig | None = None,
+    csv: bool = False,
+    report: bool = True,
+    status: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _done, _seconds: None,
+) -> Result:
+    """Run a system and write its record, metrics and report.
+
+    Args:
+        system: parts and their wiring.
+        folder: for the results.
+        rig: what there is beside the loop: the wall clock, a board.
+        csv: write the signals as CSV, too.
+        report: write `report.html`.
+        status: told in a few words what is being done.
+        progress: told simulated time done and in all [s], some times a second.
+
+    Raises:
+        RunError: the run ended early; its `result` holds what was recorded until then.
+    """
     for note in system.notes:
         status(note)
     facts = facts_of(system)
-    recorder = Recorder(folder, system.columns, checked.step, facts)
+    step = system.scenario.step
+    pace, observe = (rig.pace, rig.observe) if rig is not None else (None, None)
+    recorder = Recorder(folder, system.columns, step, facts, patient=rig is None)
     with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as workspace:
-        once = Run(checked.step, system.steps, Path(workspace))
-        outcome = Loop(system, once, recorder).go(progress)
-    if outcome.error is not None and outcome.ticks == 0:
+        once = Run(step, system.steps, Path(workspace))
+        outcome = Loop(system, once, recorder, pace, observe).go(progress)
+    if rig is not None:
+        status("closing")
+        facts |= rig.closed(outcome)
+    if outcome.ticks == 0:
         recorder.discard()
-        raise outcome.error
+        early = outcome.error or StoppedError("stopped before the first tick")
+        early.args = (". ".join((str(early), *facts.get("hil", {}).get("notes", ()))),)
+        raise early
     facts |= {
         "wall": outcome.wall,
         "ticks": outcome.ticks,
@@ -74,9 +141,14 @@ def run(
     }
     for warning in outcome.warnings:
         status(warning)
-    error = outcome.error
+    error: RunError | None = outcome.error
     try:
-        result = Result(recorder.finish(facts, csv))
+        beside = None
+        if rig is not None:
+            recorder.close()
+            beside, more = rig.beside()
+            facts |= more
+        result = Result(recorder.finish(facts, csv, beside))
         if not isinstance(error, RecordError):
             _write(result, status, report)
     except RecordError as trouble:
@@ -112,6 +184,7 @@ def facts_of(system: System) -> dict[str, Any]:
     scenario = system.scenario
     return {
         "scenario": scenario.name,
+        "scenario_file": scenario.given,
         "title": scenario.title,
         "variant": scenario.variant,
         "step": scenario.step,

@@ -14,13 +14,15 @@ A scenario is TOML. Keys of the file:
 | variant.NAME | | what one variant changes, as `extends` does; `steadytip run` compares them |
 | wire | | list of `from`, `to` (`part.port`; a `*` is the same text on both sides), `delay` |
 | signals | | what the metrics and the report read: role = port, pattern (`*`, `?`) or list |
+| hil | | the loop on the wall clock: `Hil` |
 
 Laid over another table, parts and variants merge per key; a wire takes the place of one with the
 same `to`, or is appended.
 
 Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]),
 `motion` (a recording that is streamed into the part's inputs `recorded_*`) and `innovation_size`
-(degrees of freedom of each correction of an estimator that has no output of that name).
+(degrees of freedom of each correction of an estimator that has no output of that name). Where a
+scenario makes another kind of a part, `stands_for` keeps the table that the part had before.
 """
 
 from __future__ import annotations
@@ -31,14 +33,25 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 from importlib.resources import files
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.errors import ProblemsError, SteadytipError, nearest
 from harness.parts import is_path, kinds
 
-__all__ = ["SHORTEST", "SQUARED", "PartTable", "Scenario", "Signals", "Wire", "available", "load"]
+__all__ = [
+    "SHORTEST",
+    "SQUARED",
+    "Hil",
+    "Limit",
+    "PartTable",
+    "Scenario",
+    "Signals",
+    "Wire",
+    "available",
+    "load",
+]
 
 SHORTEST = 1.0
 """Seconds that have to be left after `settle`; less is no basis for a figure of merit."""
@@ -103,12 +116,56 @@ class Signals(_Strict):
     saturated: _Ports | None = None
 
 
+def _at_most(value: Any) -> Any:
+    """A number alone is the largest value."""
+    return {"max": value} if not isinstance(value, dict) else value
+
+
+class Limit(_Strict):
+    """Of a figure of merit, both ends included.
+
+    Attributes:
+        min: least value.
+        max: largest value.
+    """
+
+    min: float | None = Field(default=None, allow_inf_nan=False)
+    max: float | None = Field(default=None, allow_inf_nan=False)
+
+
+class Hil(_Strict):
+    """The loop on the wall clock, and boards on a bus; see `harness.hil`.
+
+    Attributes:
+        overrun: what happens when the loop is late: `catch-up` (every sample has its tick, at
+            once), `skip` (the newest sample only, in a longer tick) or `stop`.
+        slack: how long after its time a sample is waited for [s].
+        patience: how long the board's first sample is waited for [s].
+        watchdog: how long the step of any part may take before the run is ended [s].
+        board: whether the board is emulated: `python`, `c`, or `none` for a real one.
+        log: format of the log of raw frames, `candump`, `blf` or `none`.
+        priority: of the loop's thread, 1 to 99; 0 for an ordinary one.
+        limits: of figures of merit and of counts of faults, by their names, which `--junit` judges;
+            a number is the largest value. See `harness.hil.verdict`.
+    """
+
+    overrun: Literal["catch-up", "skip", "stop"] = "catch-up"
+    slack: _Positive = 3e-3
+    patience: _Positive = 5.0
+    watchdog: _Positive = 0.5
+    board: Literal["none", "python", "c"] = "none"
+    log: Literal["candump", "blf", "none"] = "candump"
+    priority: int = Field(default=50, ge=0, le=99)
+    limits: dict[str, Annotated[Limit, BeforeValidator(_at_most)]] = {}
+
+
 class _Common(BaseModel):
     model_config = ConfigDict(extra="allow", strict=True, frozen=True)
 
     step_limit: _Positive = 10.0
     motion: str | None = None
     innovation_size: int | None = Field(default=None, ge=1)
+    stands_for: dict[str, Any] = {}
 
 
 class _File(_Strict):
@@ -120,6 +177,7 @@ class _File(_Strict):
     part: dict[str, _Common]
     wire: list[_Wire] = []
     signals: Signals = Signals()
+    hil: Hil = Hil()
     variant: dict[str, Any] = {}
 
 
@@ -133,6 +191,7 @@ class PartTable:
         step_limit: wall-clock time that one call may take [s].
         motion: recording to stream into it.
         innovation_size: degrees of freedom of its corrections, if it does not say itself.
+        stands_for: what it was before a scenario made another kind of it; None if it always was.
     """
 
     kind: str
@@ -140,6 +199,7 @@ class PartTable:
     step_limit: float
     motion: Path | None
     innovation_size: int | None = None
+    stands_for: PartTable | None = None
 
 
 @dataclass(frozen=True)
@@ -148,6 +208,7 @@ class Scenario:
 
     Attributes:
         name: file name without its ending.
+        given: how it was asked for: a path, or the name of a shipped one.
         texts: (name, text) of the files that it was read from, the most basic one first.
         overrides: what replaced values of the files.
         variant: which of the file's variants this is; None if it is none of them.
@@ -155,6 +216,7 @@ class Scenario:
     """
 
     name: str
+    given: str
     title: str
     seconds: float
     step: float
@@ -163,6 +225,7 @@ class Scenario:
     parts: Mapping[str, PartTable]
     wires: tuple[Wire, ...]
     signals: Signals
+    hil: Hil
     texts: tuple[tuple[str, str], ...]
     overrides: Mapping[str, Any] = field(default_factory=dict)
     variant: str | None = None
@@ -213,6 +276,7 @@ def load(
         raise ProblemsError(path.name, problems)
     return Scenario(
         name=path.stem,
+        given=os.fspath(scenario),
         title=checked.title or path.stem,
         seconds=checked.seconds,
         step=checked.step,
@@ -221,6 +285,7 @@ def load(
         parts={name: _part(part) for name, part in checked.part.items()},
         wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
         signals=checked.signals,
+        hil=checked.hil,
         texts=texts,
         overrides=overrides,
         variant=variant,
@@ -329,7 +394,9 @@ def _merge_part(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str,
     # Another kind of part has other settings: nothing of the old one fits.
     known = kinds().keys()
     changes_kind = any(key in known and key not in below for key in above)
-    return dict(above) if changes_kind else _merge(below, above)
+    if not changes_kind or not below:
+        return _merge(below, above)
+    return {"stands_for": {k: v for k, v in below.items() if k != "stands_for"}, **above}
 
 
 def _nested(overrides: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
@@ -350,6 +417,9 @@ def _kind_problems(name: str, part: Mapping[str, Any]) -> Iterable[str]:
     found = [key for key in kinds() if key in part]
     if "." in name or not name:
         yield f"part '{name}': a name has at least one letter and no dot"
+    before = part.get("stands_for")
+    if isinstance(before, dict) and len([key for key in kinds() if key in before]) != 1:
+        yield f"part '{name}': 'stands_for' does not say what it was: one of {', '.join(kinds())}"
     if not found:
         yield (
             f"part '{name}' does not say what it is: add one of {', '.join(kinds())}"
@@ -365,7 +435,13 @@ def _hint(part: Mapping[str, Any], known: Iterable[str]) -> str:
     return f" ({'; '.join(close)})" if close else ""
 
 
-_MODELS: dict[str, type[BaseModel]] = {"": _File, "wire": _Wire, "signals": Signals}
+_MODELS: dict[str, type[BaseModel]] = {
+    "": _File,
+    "wire": _Wire,
+    "signals": Signals,
+    "hil": Hil,
+    "hil.limits": Limit,
+}
 
 
 def _sentence(entry: Any) -> str:
@@ -373,7 +449,8 @@ def _sentence(entry: Any) -> str:
     place = [item for item in entry["loc"] if item not in {"str", "list[str]"}]
     key = ".".join(f"{item}" for item in place)
     if entry["type"] == "extra_forbidden":
-        model = _MODELS["" if len(place) == 1 else str(place[0])]
+        within = ["" if len(place) == 1 else ".".join(map(str, place[:n])) for n in (2, 1)]
+        model = next(_MODELS[key] for key in within if key in _MODELS)
         known = [entry.alias or name for name, entry in model.model_fields.items()]
         if model is _File:
             known.append("extends")
@@ -386,10 +463,12 @@ def _sentence(entry: Any) -> str:
 def _part(part: _Common) -> PartTable:
     settings = dict(part.model_extra or {})
     (kind,) = (key for key in kinds() if key in settings)
+    before = part.stands_for
     return PartTable(
         kind=kind,
         settings=settings,
         step_limit=part.step_limit,
         motion=Path(part.motion) if part.motion is not None else None,
         innovation_size=part.innovation_size,
+        stands_for=_part(_Common.model_validate(before)) if before else None,
     )

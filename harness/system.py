@@ -14,10 +14,10 @@ from harness.parts import Part, Settings, kinds
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.record import Column
-from harness.scenario import SHORTEST, SQUARED, Scenario, Signals, Wire
-from harness.wiring import Wiring, connect
+from harness.scenario import SHORTEST, SQUARED, Scenario, Wire
+from harness.wiring import Wiring, connect, cross
 
-__all__ = ["System", "assemble", "matching", "moved_part", "part_seed"]
+__all__ = ["System", "absent", "assemble", "matching", "moved_part", "part_seed", "roles"]
 
 _COUNTS = {
     "moved": 3,
@@ -95,8 +95,10 @@ def assemble(
         SteadytipError: a model does not build, or no single part takes the recording.
     """
     where = scenario.name
-    made = _make(scenario, progress)
+    gone = absent(scenario)
+    made = _make(scenario, [name for name in scenario.parts if name not in gone], progress)
     motions = {name: table.motion for name, table in scenario.parts.items() if table.motion}
+    motions = {name: path for name, path in motions.items() if name not in gone}
     if motion is not None:
         motions[moved_part(made)] = motion
     parts: dict[str, Part] = {}
@@ -108,6 +110,8 @@ def assemble(
             _check_takes_motion(name, part)
             wires.append(Wire(f"{companion}.recorded*", f"{name}.recorded*"))
         parts[name] = part
+        parts |= getattr(part, "companions", {})
+    wires, crossing = cross(wires, parts, gone)
     wiring = connect(where, parts, wires)
     seconds, notes = _duration(scenario, parts)
     columns = [f"{name}.{port.name}" for name, part in parts.items() for port in part.outputs]
@@ -116,10 +120,21 @@ def assemble(
         parts=parts,
         wiring=wiring,
         step_limits={name: scenario.parts[_owner(name, scenario)].step_limit for name in parts},
-        roles=_roles(where, scenario.signals, columns),
+        roles=roles(scenario, columns),
         motions=motions,
         steps=max(1, int(seconds / scenario.step + 1e-6)),
-        notes=(*notes, *_silent_estimators(scenario, columns), *wiring.notes),
+        notes=(*notes, *crossing, *_silent_estimators(scenario, columns), *wiring.notes),
+    )
+
+
+def absent(scenario: Scenario) -> frozenset[str]:
+    """Parts that are at the other end of a bus: those that a part there `replaces`."""
+    names = tuple(scenario.parts)
+    return frozenset(
+        name
+        for table in scenario.parts.values()
+        if table.kind == "can"
+        for name in matching(names, table.settings.get("replaces", ()))
     )
 
 
@@ -128,16 +143,19 @@ def _owner(name: str, scenario: Scenario) -> str:
     return name if name in scenario.parts else name.rpartition(".")[0]
 
 
-def _make(scenario: Scenario, progress: Callable[[str], None]) -> dict[str, Part]:
+def _make(
+    scenario: Scenario, names: Sequence[str], progress: Callable[[str], None]
+) -> dict[str, Part]:
     known = kinds()
-    classes = {kind: known[kind].load() for kind in {t.kind for t in scenario.parts.values()}}
+    wanted = {name: scenario.parts[name] for name in names}
+    classes = {kind: known[kind].load() for kind in {t.kind for t in wanted.values()}}
     settings: dict[str, Settings] = {}
     for kind, part_class in classes.items():
-        tables = {n: t.settings for n, t in scenario.parts.items() if t.kind == kind}
+        tables = {n: t.settings for n, t in wanted.items() if t.kind == kind}
         settings |= part_class.prepare(tables, progress)
     parts: dict[str, Part] = {}
     problems: list[str] = []
-    for name, table in scenario.parts.items():
+    for name, table in wanted.items():
         try:
             parts[name] = classes[table.kind](name, settings[name], part_seed(scenario.seed, name))
         except ProblemsError as error:
@@ -208,14 +226,27 @@ def _silent_estimators(scenario: Scenario, columns: Sequence[str]) -> list[str]:
     ]
 
 
-def _roles(where: str, signals: Signals, columns: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    roles: dict[str, tuple[str, ...]] = {}
+def roles(scenario: Scenario, columns: Sequence[str]) -> dict[str, tuple[str, ...]]:
+    """Which columns play which role of the scenario's `signals`.
+
+    A role is left out where the parts that would play it are at the other end of a bus.
+
+    Raises:
+        ProblemsError: no column fits, or too many or too few do.
+    """
+    found: dict[str, tuple[str, ...]] = {}
+    gone = tuple(absent(scenario))
     problems: list[str] = []
-    for role, patterns in signals:
+    for role, patterns in scenario.signals:
         if patterns is None:
             continue
         names = matching(columns, patterns)
         wanted = _COUNTS.get(role)
+        heads = [
+            p.partition(".")[0] for p in ([patterns] if isinstance(patterns, str) else patterns)
+        ]
+        if not names and matching(tuple(gone), heads):
+            continue
         if not names:
             problems.append(
                 f"signals.{role} = {patterns!r}: no output fits; {nearest(str(patterns), columns)}"
@@ -226,7 +257,7 @@ def _roles(where: str, signals: Signals, columns: Sequence[str]) -> dict[str, tu
                 f"it names {len(names)}: {', '.join(names)}"
             )
         else:
-            roles[role] = names
+            found[role] = names
     if problems:
-        raise ProblemsError(where, problems)
-    return roles
+        raise ProblemsError(scenario.name, problems)
+    return found

@@ -384,6 +384,9 @@ class Out(Outputs):
     volts = real("V", "converted output", shape=9, axes=CHANNELS, min=0.0, max=design.ADC_SPAN)
     clipped = boolean("whether a sensor or the converter is at its limit")
     temperature = real("degC", "temperature of the board by its thermometer", start=ROOM)
+    valid = boolean(
+        "whether there is a sample at this instant: always, no bus lies between", start=True
+    )
 
 
 def sensitivity_row(axis: int, misalignment: Any, scale_error: Any, cross_axis: Any) -> Any:
@@ -563,7 +566,12 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
             stress=stress,
             board=board,
         ),
-        Out(volts=converted * (design.ADC_SPAN / codes), clipped=clipped, temperature=shown),
+        Out(
+            volts=converted * (design.ADC_SPAN / codes),
+            clipped=clipped,
+            temperature=shown,
+            valid=1,
+        ),
     )
 
 

@@ -18,13 +18,17 @@ from typing import Any, Literal, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import NDArray
 
+from fmu_src.kit import units
+
 FloatArray = NDArray[np.float64]
 Settings = Mapping[str, Any]
 PortType = Literal["Real", "Integer", "Boolean"]
 
 _GROUP = "steadytip.parts"
 _BUILT_IN = {
+    "can": "harness.parts.can:KIND",
     "fmu": "harness.parts.fmu:FmuPart",
+    "recorded": "harness.parts.recorded:RecordedPart",
     "replay": "harness.parts.replay:ReplayPart",
 }
 
@@ -57,6 +61,22 @@ class Unit:
 
 
 DIMENSIONLESS = Unit("1", (0,) * 8)
+
+
+def unit_of(name: str) -> Unit:
+    """A unit by its name, as the models write units.
+
+    Raises:
+        SteadytipError: the name does not parse.
+
+    >>> unit_of("V").exponents
+    (1, 2, -3, -1, 0, 0, 0, 0)
+    """
+    if name == DIMENSIONLESS.name:
+        return DIMENSIONLESS
+    found = units.base_exponents(name)
+    powers = None if found is None else tuple(found.get(base, 0) for base in units.BASE)
+    return Unit(name, powers, 1.0, units.OFFSETS.get(name, 0.0))
 
 
 @dataclass(frozen=True)
@@ -101,7 +121,8 @@ class Run:
 class Part(Protocol):
     """One member of the loop. Its constructor reads and checks; `start` acts.
 
-    A part may have `warnings`: sentences on what it goes on with, but should not have to.
+    A part may have `warnings`: sentences on what it goes on with, but should not have to; and
+    `companions`: further parts by name that stand beside it in the loop.
     """
 
     name: str

@@ -10,7 +10,8 @@ from harness.display import shown
 from harness.metrics import motion_of
 from harness.report.consistency import consistency_plots
 from harness.report.figures import figures
-from harness.report.page import rendered, write_page
+from harness.report.hil import hil_sections
+from harness.report.page import ready, rendered, write_page
 from harness.result import Result
 
 __all__ = ["write_report"]
@@ -58,6 +59,7 @@ def _content(result: Result) -> dict[str, Any]:
             if name in metrics
         ],
         "plots": rendered(drawn),
+        "sections": ready(hil_sections(result)),
         "metrics": [
             (name, *shown(metric.value, metric.unit), metric.definition)
             for name, metric in metrics.items()

@@ -12,7 +12,7 @@ from plotly.subplots import make_subplots
 from harness.consistency import LEVEL, Consistency, mean_interval
 from harness.parts import FloatArray
 from harness.report.page import Plot
-from harness.report.plots import GREY, SERIES, layout, line, thinned
+from harness.report.plots import GREY, SERIES, flats, layout, line, thinned
 
 __all__ = ["consistency_plots"]
 
@@ -57,7 +57,7 @@ def _draw(figure: go.Figure, row: int, each: Consistency) -> None:
     for curve in (
         line(*thinned(each.time, ratio), _SINGLE, "single values", first, width=0.6),
         line(
-            *thinned(*_ends(each.time, each.bound / each.size)), GREY, "their bound", first,
+            *thinned(*flats(each.time, each.bound / each.size)), GREY, "their bound", first,
             dash="dash", width=1.0,
         ),
     ):  # fmt: skip
@@ -82,13 +82,6 @@ def _draw(figure: go.Figure, row: int, each: Consistency) -> None:
         row=row,
         col=1,
     )
-
-
-def _ends(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A curve of steps by the ends of its flats."""
-    changes = np.flatnonzero(np.diff(values) != 0.0)
-    kept = np.unique(np.concatenate([[0], changes, changes + 1, [len(values) - 1]]))
-    return time[kept], values[kept]
 
 
 def _means(each: Consistency) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:

@@ -16,7 +16,7 @@ from harness.parts import FloatArray
 from harness.report.page import Plot
 from harness.report.plots import GREY, SERIES, layout, line, thinned
 
-__all__ = ["figures"]
+__all__ = ["SPECTRUM_WINDOW", "amplitude_density", "colour", "figures", "three_rows"]
 
 _AXES = "xyz"
 _WITH, _WITHOUT, _BAND = SERIES[:3]
@@ -24,7 +24,7 @@ _INTENT = GREY
 _ZOOM = 1.0  # s
 _LOOP_SECONDS = 4.0
 _SPECTRUM = (0.5, 50.0)  # Hz
-_SPECTRUM_WINDOW = 2.0  # s
+SPECTRUM_WINDOW = 2.0  # s
 _ATTENUATION = (0.5, 20.0)  # Hz
 _LEAST_LOOKS = 4
 _LARGEST_ERROR = 0.2
@@ -72,7 +72,8 @@ def figures(
         yield _estimated(time, motion.settle, distance, ("Position error", "distance, µm", text))
 
 
-def _three_rows(x_title: str, y_title: str) -> go.Figure:
+def three_rows(x_title: str, y_title: str) -> go.Figure:
+    """Axes x, y and z one below the other, empty."""
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04)
     for row, axis in enumerate(_AXES, start=1):
         figure.update_yaxes(title_text=f"{axis}, {y_title}", row=row, col=1)
@@ -80,21 +81,22 @@ def _three_rows(x_title: str, y_title: str) -> go.Figure:
     return figure
 
 
-def _colour(name: str) -> str:
+def colour(name: str) -> str:
+    """Of a curve: what it has been made with decides."""
     return {"without compensation": _WITHOUT, "with compensation": _WITH}.get(name, _INTENT)
 
 
 def _errors(
     time: FloatArray, settle: float, curves: Mapping[str, FloatArray], intent: FloatArray
 ) -> Plot:
-    figure = _three_rows("time, s", "µm")
+    figure = three_rows("time, s", "µm")
     after = time >= settle
     for name, tip in curves.items():
         error = (tip - intent) * _MICRO
         error = error - error[after].mean(axis=0) if after.any() else error
         for i in range(3):
             x, y = thinned(time, error[:, i])
-            figure.add_trace(line(x, y, _colour(name), name, legend=i == 0), row=i + 1, col=1)
+            figure.add_trace(line(x, y, colour(name), name, legend=i == 0), row=i + 1, col=1)
     if settle > 0.0:
         figure.add_vrect(
             0.0, min(settle, time[-1]), fillcolor="#999999", opacity=0.15, line_width=0
@@ -108,7 +110,7 @@ def _errors(
 
 
 def _zoom(time: FloatArray, curves: Mapping[str, FloatArray], intent: FloatArray) -> Plot:
-    figure = _three_rows("time, s", "µm")
+    figure = three_rows("time, s", "µm")
     begin = np.round(0.5 * time[-1])
     part = (time >= begin) & (time < begin + _ZOOM)
     lines = {**curves, "intent": intent}
@@ -118,7 +120,7 @@ def _zoom(time: FloatArray, curves: Mapping[str, FloatArray], intent: FloatArray
         shown = position[part] - trend
         shown = (shown - shown.mean(axis=0)) * _MICRO
         for i in range(3):
-            trace = line(time[part], shown[:, i], _colour(name), name, legend=i == 0)
+            trace = line(time[part], shown[:, i], colour(name), name, legend=i == 0)
             figure.add_trace(trace, row=i + 1, col=1)
     return Plot(
         "One second of it",
@@ -130,17 +132,14 @@ def _zoom(time: FloatArray, curves: Mapping[str, FloatArray], intent: FloatArray
 
 def _spectra(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
     first = round(motion.settle / motion.step)
-    window = round(_SPECTRUM_WINDOW / motion.step)
+    window = round(SPECTRUM_WINDOW / motion.step)
     if len(tip) - first < window:
         return None
     figure = go.Figure()
     for name, position in (("without compensation", moved), ("with compensation", tip)):
-        frequency, power = signal.welch(
-            position[first:], 1 / motion.step, nperseg=window, detrend="linear", axis=0
-        )
+        frequency, density = amplitude_density(position[first:], motion.step)
         shown = (frequency >= _SPECTRUM[0]) & (frequency <= _SPECTRUM[1])
-        density = np.sqrt(power.sum(axis=1))[shown] * _MICRO
-        figure.add_trace(line(frequency[shown], density, _colour(name), name))
+        figure.add_trace(line(frequency[shown], density[shown] * _MICRO, colour(name), name))
     low, high = TREMOR_BAND
     figure.add_vrect(low, high, fillcolor=_BAND, opacity=0.1, line_width=0)
     # Places on a logarithmic axis are given as exponents.
@@ -156,16 +155,32 @@ def _spectra(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
     )
     return Plot(
         "Spectra",
-        f"Welch's estimate over the three axes together, Hann windows of {_SPECTRUM_WINDOW:g} s, "
+        f"Welch's estimate over the three axes together, Hann windows of {SPECTRUM_WINDOW:g} s, "
         "linear trend removed.",
         layout(figure, 380),
     )
 
 
+def amplitude_density(x: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
+    """Welch's estimate over all columns together: Hann windows, linear trend removed.
+
+    Args:
+        x: (n, k), longer than `SPECTRUM_WINDOW`.
+        step: sample period [s].
+
+    Returns:
+        Frequencies [Hz], and the root of the spectral density [unit of x per root Hz].
+    """
+    frequency, power = signal.welch(
+        x, 1 / step, nperseg=round(SPECTRUM_WINDOW / step), detrend="linear", axis=0
+    )
+    return frequency, np.sqrt(power.sum(axis=1))
+
+
 def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
     """Tip by tip without compensation and the phase of the correction, from what was recorded."""
     first = round(motion.settle / motion.step)
-    window = round(_SPECTRUM_WINDOW / motion.step)
+    window = round(SPECTRUM_WINDOW / motion.step)
     # Half overlapped Hann windows; two of them are hardly more than one independent estimate.
     looks = (len(tip) - first) // window
     if looks < _LEAST_LOOKS:
@@ -193,7 +208,7 @@ def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | N
     return Plot(
         "Attenuation",
         "What is left of the motion, and by what angle the correction leads it (negative: lags): "
-        f"cross spectra of the record, three axes together, Hann windows of {_SPECTRUM_WINDOW:g} "
+        f"cross spectra of the record, three axes together, Hann windows of {SPECTRUM_WINDOW:g} "
         "s. Left out: where the hand moves too little for a standard error of "
         f"{_LARGEST_ERROR:g}, and phases of what is hardly a correction. 'steadytip analyze' tells "
         "which part costs what.",

@@ -19,7 +19,17 @@ from harness.record import replacing
 if TYPE_CHECKING:
     import plotly.graph_objects as go
 
-__all__ = ["Plot", "Section", "Table", "made_with", "rendered", "write_page", "write_sections"]
+__all__ = [
+    "Plot",
+    "Section",
+    "Table",
+    "made_with",
+    "page_text",
+    "ready",
+    "rendered",
+    "write_page",
+    "write_sections",
+]
 
 
 @dataclass(frozen=True)
@@ -89,14 +99,19 @@ def rendered(plots: Iterable[Plot]) -> list[dict[str, Any]]:
     ]
 
 
-def write_page(path: Path, template: str, title: str, subtitle: str, **content: Any) -> Path:
-    """Fill a template and write the page, all at once or not at all.
+def ready(sections: Iterable[Section]) -> list[dict[str, Any]]:
+    """Sections as templates take them."""
+    return [{**vars(section), "plots": rendered(section.plots)} for section in sections]
+
+
+def page_text(template: str, title: str, subtitle: str, plotly: str, **content: Any) -> str:
+    """Fill a template.
 
     Args:
-        path: file to write.
         template: one beside this module that extends `page.html.j2`.
         title: heading of the page.
         subtitle: the line below it.
+        plotly: script that draws the plots; empty where the page gets it otherwise.
         content: what the template names.
     """
     environment = Environment(
@@ -106,10 +121,14 @@ def write_page(path: Path, template: str, title: str, subtitle: str, **content: 
         lstrip_blocks=True,
     )
     # The script is the library's own file; it holds no `</script`.
-    script = Markup(get_plotlyjs())
-    page = environment.get_template(template).render(
-        title=title, subtitle=subtitle, plotly=script, **content
+    return environment.get_template(template).render(
+        title=title, subtitle=subtitle, plotly=Markup(plotly), **content
     )
+
+
+def write_page(path: Path, template: str, title: str, subtitle: str, **content: Any) -> Path:
+    """Write the page of a template with its plots, all at once or not at all; see `page_text`."""
+    page = page_text(template, title, subtitle, get_plotlyjs(), **content)
     with replacing(path) as part:
         part.write_text(page, encoding="utf-8")
     return path
@@ -139,16 +158,7 @@ def write_sections(
         title,
         subtitle,
         introduction=list(introduction),
-        sections=[
-            {
-                "title": section.title,
-                "text": section.text,
-                "tables": section.tables,
-                "plots": rendered(section.plots),
-                "trouble": section.trouble,
-            }
-            for section in sections
-        ],
+        sections=ready(sections),
         facts=dict(facts),
     )
 

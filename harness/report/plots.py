@@ -9,7 +9,7 @@ import plotly.graph_objects as go
 
 from harness.parts import FloatArray
 
-__all__ = ["GREY", "POINTS", "SERIES", "layout", "line", "thinned"]
+__all__ = ["GREY", "POINTS", "SERIES", "flats", "layout", "line", "thinned"]
 
 SERIES = ("#0072b2", "#d55e00", "#009e73", "#cc79a7", "#e69f00", "#56b4e9")
 """Okabe and Ito's palette: tells apart for colour-blind readers, and in print."""
@@ -41,9 +41,11 @@ def layout(figure: go.Figure, height: int, **more: Any) -> go.Figure:
     return figure
 
 
-def thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
-    """A curve with at most `POINTS` points that keeps every extreme: least and largest per bin."""
-    size = -(-2 * len(time) // POINTS)
+def thinned(
+    time: FloatArray, values: FloatArray, points: int = POINTS
+) -> tuple[FloatArray, FloatArray]:
+    """A curve of about so many points that keeps every extreme: least and largest per bin."""
+    size = -(-2 * len(time) // points)
     if size <= 2:
         return time, values
     bins = len(time) // size
@@ -51,6 +53,13 @@ def thinned(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArra
     extremes = np.sort(np.stack([block.argmin(axis=1), block.argmax(axis=1)], axis=1), axis=1)
     index = (extremes + np.arange(bins)[:, None] * size).ravel()
     return time[index], values[index]
+
+
+def flats(time: FloatArray, values: FloatArray) -> tuple[FloatArray, FloatArray]:
+    """A curve of steps by the ends of its flats."""
+    changes = np.flatnonzero(np.diff(values) != 0.0)
+    kept = np.unique(np.concatenate([[0], changes, changes + 1, [len(values) - 1]]))
+    return time[kept], values[kept]
 
 
 def line(

@@ -94,7 +94,8 @@ def _list(items: list[Item]) -> Table:
 
 
 def _show(one: Done) -> None:
-    from harness.reproduce.run import COLUMNS, NUMBERS, cells, for_people
+    from harness.console import figures_table
+    from harness.reproduce.run import for_people
 
     _console.print()
     _say(f"{one.item.source}: {one.item.title}", "bold")
@@ -103,13 +104,7 @@ def _show(one: Done) -> None:
     if one.error:
         _say(f"ended early: {one.error}", "red")
     if one.outcome.figures:
-        table = Table(box=None, pad_edge=False)
-        for index, name in enumerate(COLUMNS):
-            number = index in NUMBERS
-            table.add_column(name, justify="right" if number else "left", no_wrap=number)
-        for figure in one.outcome.figures:
-            table.add_row(*map(escape, cells(figure)))
-        _console.print(table)
+        _console.print(figures_table(one.outcome.figures))
     for note in one.outcome.notes:
         _say(for_people(note), "dim")
 

@@ -112,18 +112,12 @@ def write_figures(path: Path, figures: Iterable[Figure]) -> Path:
     Raises:
         SteadytipError: the file cannot be written.
     """
-    from harness.errors import SteadytipError
-    from harness.record import reason, replacing
+    from harness.record import write_text
 
     entries = [figure.entry() for figure in figures]
-    text = json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        with replacing(path) as part:
-            part.write_text(text, encoding="utf-8")
-    except OSError as error:
-        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
-    return path
+    return write_text(
+        path, json.dumps(entries, indent=2, ensure_ascii=False, allow_nan=False) + "\n"
+    )
 
 
 def write_page(folder: Path, done: Sequence[Done]) -> Path:

@@ -3,17 +3,17 @@
 from __future__ import annotations
 
 import json
-import re
 from collections.abc import Sequence
 from dataclasses import asdict
 from itertools import groupby
 from pathlib import Path
-from xml.etree import ElementTree
 
 from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
+from harness import junit
+from harness.junit import Case, Suite
 from harness.validation.checks import ITEMS, Outcome
 from harness.validation.verdict import Verdict
 
@@ -21,8 +21,6 @@ __all__ = ["table", "write_json", "write_junit"]
 
 _COLOURS = {"error": "red", "warning": "yellow", "info": "cyan", "ok": "green", "skipped": "dim"}
 """Of verdicts, the worst first."""
-_FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-"""Characters that XML cannot hold."""
 
 
 def table(verdict: Verdict) -> Group:
@@ -65,48 +63,25 @@ def write_json(path: Path, verdicts: Sequence[Verdict]) -> None:
 
 
 def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
-    """A test suite for each FMU, a test case for each check.
+    """A test suite for each FMU, a test case for each check; see `harness.junit`.
 
     Errors are failures; warnings and notes are in the output of their case, as JUnit knows none.
     """
-    suites = ElementTree.Element("testsuites", name="steadytip validate")
-    for verdict in verdicts:
-        suite = ElementTree.SubElement(
-            suites,
-            "testsuite",
-            name=_clean(verdict.path.name),
-            tests=str(len(verdict.outcomes)),
-            failures=str(verdict.counts["error"]),
-            errors="0",
-            skipped=str(verdict.counts["skipped"]),
-            time=f"{sum(outcome.seconds for outcome in verdict.outcomes):.3f}",
-        )
-        for outcome in verdict.outcomes:
-            _case(suite, verdict, outcome)
-    ElementTree.indent(suites)
-    path.parent.mkdir(parents=True, exist_ok=True)
-    ElementTree.ElementTree(suites).write(path, encoding="utf-8", xml_declaration=True)
+    suites = [
+        Suite(v.path.name, tuple(_case(v, outcome) for outcome in v.outcomes)) for v in verdicts
+    ]
+    junit.write_junit(path, "steadytip validate", suites)
 
 
-def _case(suite: ElementTree.Element, verdict: Verdict, outcome: Outcome) -> None:
-    case = ElementTree.SubElement(
-        suite,
-        "testcase",
-        classname=_clean(f"{verdict.path.stem}.{outcome.item}"),
+def _case(verdict: Verdict, outcome: Outcome) -> Case:
+    problems = "\n".join(outcome.problems)
+    failed = outcome.verdict == "error"
+    texts = [f"{outcome.level}: {problems}"] * bool(problems and not failed)
+    return Case(
+        group=f"{verdict.path.stem}.{outcome.item}",
         name=f"{outcome.id} {outcome.title}",
-        time=f"{outcome.seconds:.3f}",
+        seconds=outcome.seconds,
+        failure=problems if failed else "",
+        skipped=(outcome.skipped or "") if outcome.verdict == "skipped" else None,
+        output="\n".join([*texts, *outcome.notes]),
     )
-    problems = _clean("\n".join(outcome.problems))
-    if outcome.verdict == "error":
-        failure = ElementTree.SubElement(case, "failure", message=problems.partition("\n")[0])
-        failure.text = problems
-    elif outcome.verdict == "skipped":
-        ElementTree.SubElement(case, "skipped", message=_clean(outcome.skipped or ""))
-    texts = [] if outcome.verdict == "error" else [f"{outcome.level}: {problems}"] * bool(problems)
-    texts += [_clean(note) for note in outcome.notes]
-    if texts:
-        ElementTree.SubElement(case, "system-out").text = "\n".join(texts)
-
-
-def _clean(text: str) -> str:
-    return _FORBIDDEN.sub("\N{REPLACEMENT CHARACTER}", text)

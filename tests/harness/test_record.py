@@ -133,7 +133,7 @@ def fail(*_: object) -> None:
 @pytest.mark.parametrize(
     ("writer", "failed", "kept"),
     [
-        ("pyarrow.parquet.ParquetWriter.write_batch", "results.parquet", "results.arrows"),
+        ("pyarrow.parquet.ParquetWriter.write_table", "results.parquet", "results.arrows"),
         ("harness.record._write_csv", "results.csv", "results.parquet"),
     ],
 )

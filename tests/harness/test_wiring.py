@@ -179,6 +179,6 @@ def test_the_shipped_loop_of_real_fmus_runs_in_wire_order():
     left = [name for name in system.wiring.undriven if not name.startswith("hand.recorded")]
     # No room, no thermometer, no lost samples; nobody holds, no filter is outside.
     outside = [f"controller.external_tremor_{axis}" for axis in "xyz"]
-    room = ["sensors.ambient", "estimator.temperature", "estimator.inertial_valid"]
+    room = ["sensors.ambient", "estimator.temperature"]
     assert left == [*room, *outside, "controller.hold"]
     assert system.wiring.notes == ()

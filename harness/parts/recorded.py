@@ -1,0 +1,114 @@
+"""Outputs of a part as another run recorded them.
+
+    [part.sensors]
+    recorded = "build/runs/closed_loop/results.parquet"
+    of       = "sensors"        # if left out, the part's own name
+
+The ports are the recorded columns of that part, with their types and units; tick k puts out row k.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, Field, ValidationError
+
+from harness.errors import FaultError, ProblemsError, SteadytipError, nearest
+from harness.parts import FloatArray, Port, PortType, Run, Settings, unit_of
+from harness.record import read_table
+
+_TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
+
+
+class _Keys(BaseModel):
+    model_config = ConfigDict(extra="forbid", strict=True)
+
+    recorded: str
+    of: Annotated[str, Field(min_length=1)] | None = None
+
+
+class RecordedPart:
+    """Plays columns of a record."""
+
+    def __init__(self, name: str, settings: Settings, seed: int) -> None:
+        """Read the record.
+
+        Raises:
+            ProblemsError: a setting that there is not.
+            SteadytipError: the record cannot be read, or has no such part.
+        """
+        self.name = name
+        try:
+            keys = _Keys.model_validate(dict(settings))
+        except ValidationError as error:
+            raise ProblemsError(
+                f"part '{name}'",
+                [
+                    f"'{e['loc'][0]}': {e['msg'].lower()}; "
+                    f"{nearest(str(e['loc'][0]), _Keys.model_fields)}"
+                    for e in error.errors()
+                ],
+            ) from None
+        self._path = Path(keys.recorded)
+        self.inputs: Sequence[Port] = ()
+        table = read_table(self._path)
+        of = keys.of or name
+        fields = [field for field in table.schema if field.name.startswith(f"{of}.")]
+        if "time" not in table.column_names or not fields:
+            parts = {n.rpartition(".")[0] for n in table.column_names if "." in n}
+            raise SteadytipError(f"{self._path} has no signals of '{of}'; {nearest(of, parts)}")
+        if len(table) == 0:
+            raise SteadytipError(f"{self._path} is empty")
+        self.outputs: Sequence[Port] = [
+            Port(
+                field.name[len(of) + 1 :],
+                _TYPES.get(str(field.type), "Real"),
+                unit_of((field.metadata or {}).get(b"unit", b"").decode() or "1"),
+                (field.metadata or {}).get(b"description", b"").decode(),
+            )
+            for field in fields
+        ]
+        self._values = np.column_stack(
+            [table.column(field.name).to_numpy().astype(float) for field in fields]
+        )
+        self._time = table.column("time").to_numpy()
+        step = self._time[1] - self._time[0] if len(self._time) > 1 else np.inf
+        self.seconds = float(len(self._time) * step)
+
+    @classmethod
+    def prepare(
+        cls, settings: Mapping[str, Settings], progress: Callable[[str], None]
+    ) -> Mapping[str, Settings]:
+        """Nothing has to be prepared."""
+        return settings
+
+    def start(
+        self,
+        run: Run,
+        driven: Sequence[str],
+        preset: Sequence[bool],
+        u: FloatArray,
+        y: FloatArray,
+    ) -> None:
+        """See `harness.parts.Part.start`."""
+        wanted = np.arange(len(self._time)) * run.step
+        if not np.allclose(self._time, wanted, rtol=0.0, atol=run.step / 10):
+            raise FaultError(
+                f"{self._path} has another step than {run.step:g} s, or gaps in its time"
+            )
+        self._y = y
+        self._y[:] = self._values[0]
+
+    def advance(self, t: float, h: float) -> None:
+        """Put out the row of `t`; see `harness.parts.Part.advance`."""
+        self._y[:] = self._values[min(round(t / h), len(self._values) - 1)]
+
+    def close(self) -> None:
+        """Nothing has to be freed."""
+
+    def facts(self) -> dict[str, Any]:
+        """File and length."""
+        return {"kind": "recorded", "file": self._path.name, "seconds": self.seconds}

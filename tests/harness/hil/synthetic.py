@@ -1,0 +1,86 @@
+"""Records of runs that never kept to a clock: loop and board as fast as they go, times made up."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from harness.can.database import load
+from harness.can.mischief import parse
+from harness.can.reception import FAULTS
+from harness.parts import Port
+from harness.parts.can import FeedPart, Keys
+from harness.record import Column, Recorder
+from harness.result import Result
+
+from ..can.virtual import STEP, Rig
+
+FEED = "sensors"
+ON_BUS = ("age", "valid", "sample", "due", "load", *FAULTS)
+CONDITIONS = {"priority": 50, "reason": "", "stolen": 0.0125}
+
+
+def record(
+    folder: Path,
+    faults: Sequence[str] = (),
+    ticks: int = 2000,
+    seed: int = 0,
+    hil: dict[str, Any] | None = None,
+    **facts: Any,
+) -> Result:
+    """The record of a run with faults; `hil` and `facts` replace what it says about itself."""
+    chance = np.random.default_rng(seed)
+    rows: list[list[float]] = []
+
+    def row(rig: Rig) -> None:
+        node, reception = rig.loop, rig.loop.reception
+        held = node.held.number if node.held is not None else -1
+        latency = 1e-4 * chance.lognormal(1.0, 0.4) if node._fresh else 0.0
+        rows.append(
+            [
+                min(node.age, 1e3),
+                float(node.valid),
+                held,
+                node.number or 0,
+                reception.load,
+                *reception.counts.values(),
+                node.mode,
+                latency,
+            ]
+        )
+
+    rig = Rig(faults=[parse(fault) for fault in faults], seed=seed, each=row)
+    rig.run(ticks)
+    part = FeedPart(FEED, Keys(can="instrument"), load("instrument"))
+    ports = {port.name: port for port in part.outputs}
+    commanded = {port.name: port for port in part.companion.outputs}
+    columns = [
+        *(_column(FEED, ports[name]) for name in ON_BUS),
+        *(_column(part.companion.name, commanded[name]) for name in ("mode", "latency")),
+    ]
+    told = {
+        "conditions": CONDITIONS,
+        "notes": [],
+        "log": None,
+        "injected": {"faults": [*faults], "seed": seed},
+        "limits": {},
+        **rig.loop.facts(),
+        **(hil or {}),
+    }
+    whole = {
+        "scenario": "case", "title": "A made-up run", "step": STEP, "settle": 0.0, "seed": seed,
+        "roles": {}, "motions": {}, "delays": {}, "innovation_sizes": {}, "notes": [], "order": [],
+        "machine": "none", "versions": {}, "texts": [], "overrides": {}, "undriven": [],
+        "error": None, "wall": ticks * STEP, "ticks": ticks, "hil": told,
+        "parts": {FEED: {"kind": "can"}, f"{FEED}.command": {"kind": "can", "of": FEED}},
+        **facts,
+    }  # fmt: skip
+    recorder = Recorder(folder, columns, STEP, whole)
+    for values in rows:
+        recorder.append(np.array(values, float))
+    return Result(recorder.finish(whole))
+
+
+def _column(part: str, port: Port) -> Column:
+    return Column(f"{part}.{port.name}", port.type, port.unit_name, port.description)
