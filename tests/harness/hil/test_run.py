@@ -407,12 +407,12 @@ def test_a_board_that_only_drives_gets_its_commands_by_the_clock(tmp_path) -> No
 def test_a_minute_over_two_processes(interface, tmp_path) -> None:
     """No sample lost or mixed, and the tremor cancelled as in the pure co-simulation.
 
-    Machines are shared and stall for longer than a sample may be late: of three tries one counts.
+    Machines are shared and stall for longer than a sample may be late: of two tries one counts.
     """
     alone = harness.run(
         "closed_loop", overrides={"seconds": 60.0}, out=tmp_path / "alone", report=False
     )
-    for attempt in range(3):
+    for attempt in range(2):
         result = hil(
             "closed_loop_can",
             overrides={"seconds": 60.0, "part.sensors.interface": interface},
@@ -431,4 +431,4 @@ def test_a_minute_over_two_processes(interface, tmp_path) -> None:
         gap = abs(result.metrics[name].value - alone.metrics[name].value)
         assert gap <= 2.0 or lost > 100, name
     if lost:
-        pytest.skip(f"the machine stalled in each of three minutes: {lost:g} samples came too late")
+        pytest.skip(f"the machine stalled in both minutes: {lost:g} samples came too late")
