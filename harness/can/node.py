@@ -37,11 +37,9 @@ from harness.can.medium import Address, Medium, State, now
 from harness.can.pacing import sleep_until
 from harness.can.reception import Event, Reception, Sample
 from harness.errors import FaultError
+from harness.scenario import Hil
 
-__all__ = ["CATCH_UP", "SKIP", "STOP", "Journal", "LoopNode", "Outgoing", "Policy", "Turn"]
-
-CATCH_UP, SKIP, STOP = "catch-up", "skip", "stop"
-POLICIES = (CATCH_UP, SKIP, STOP)
+__all__ = ["Journal", "LoopNode", "Outgoing", "Turn"]
 
 _AGAIN = 50
 """Samples that may be missing and still have a tick each (chosen)."""
@@ -62,22 +60,6 @@ class Journal(Protocol):
 
     def turn(self, time: int, content: bytes) -> None:
         """A tick began."""
-
-
-@dataclass(frozen=True)
-class Policy:
-    """What the loop does when it is late.
-
-    Attributes:
-        overrun: `catch-up`: every sample has its tick, at once; `skip`: the newest one only, in a
-            longer tick; `stop`: the run ends.
-        slack: how long after its time a sample is waited for [s].
-        patience: how long the board's first sample is waited for [s].
-    """
-
-    overrun: str = CATCH_UP
-    slack: float = 3e-3
-    patience: float = 5.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -156,7 +138,7 @@ class LoopNode:
     """
 
     def __init__(
-        self, database: Database, name: str, address: Address, policy: Policy, step: float
+        self, database: Database, name: str, address: Address, policy: Hil, step: float
     ) -> None:
         """Get ready; `open` goes on the bus.
 
@@ -164,7 +146,7 @@ class LoopNode:
             database: of the bus.
             name: of this node in it.
             address: of the bus.
-            policy: for late ticks.
+            policy: for late ticks, and how long the board is waited for.
             step: period of samples and ticks [s].
         """
         self.database = database
@@ -397,7 +379,7 @@ class LoopNode:
         self._fresh = False
         if overran:
             counts["overruns"] += 1
-            if self.policy.overrun == STOP:
+            if self.policy.overrun == "stop":
                 raise FaultError(
                     f"overrun: the tick before took longer than a period of {self.step:g} s, and "
                     "'overrun' is 'stop'"
@@ -405,7 +387,7 @@ class LoopNode:
         while ready and ready[0].number < number:
             counts["late"] += 1
             self.held = ready.popleft()
-        if ready and self.policy.overrun == SKIP and ready[-1].number > number:
+        if ready and self.policy.overrun == "skip" and ready[-1].number > number:
             steps = ready[-1].number - number + 1
             self.held = ready.pop()
             self._fresh = True

@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from harness import scenario as scenarios
 from harness.can.database import Database
 from harness.can.medium import Address, State
-from harness.can.node import TURN, LoopNode, Outgoing, Policy, Turn
+from harness.can.node import TURN, LoopNode, Outgoing, Turn
 from harness.errors import SteadytipError
 from harness.hil.board import part_on_bus
 from harness.hil.journal import Entry, read_log
@@ -25,6 +25,7 @@ from harness.parts.can import FeedPart
 from harness.record import PARQUET
 from harness.result import Result
 from harness.runs import perform
+from harness.scenario import Hil
 from harness.system import assemble
 
 if TYPE_CHECKING:
@@ -61,7 +62,7 @@ class _LoggedNode(LoopNode):
     """A node whose bus is a log."""
 
     def __init__(
-        self, database: Database, name: str, policy: Policy, step: float, entries: Generator[Entry]
+        self, database: Database, name: str, policy: Hil, step: float, entries: Generator[Entry]
     ) -> None:
         super().__init__(database, name, Address(None, None), policy, step)
         self._entries = entries
@@ -193,8 +194,7 @@ def replay(
     system = assemble(checked, None, status)
     feed = system.parts[name]
     assert isinstance(feed, FeedPart)
-    hil = checked.hil
-    feed.policy = Policy(hil.overrun, hil.slack, hil.patience)
+    feed.policy = checked.hil
     entries = read_log(log)
     feed.make_node = lambda feed, step: _LoggedNode(
         feed.database, feed.keys.node, feed.policy, step, entries

@@ -470,15 +470,13 @@ def _arguments(
 def _rig(
     system: System, folder: Path, board: _Board | _Firmware | None, ring: RingWriter | None
 ) -> _Rig:
-    from harness.can.node import Policy
-
     settings = system.scenario.hil
     feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
     if not feeds:
         clock = _Clock(system.scenario.step, settings)
         return _Rig(clock, None, None, board, folder, system, ring)
     (feed,) = feeds
-    feed.policy = Policy(settings.overrun, settings.slack, settings.patience)
+    feed.policy = settings
     log = None
     if settings.log != "none":
         folder.mkdir(parents=True, exist_ok=True)

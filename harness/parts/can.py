@@ -21,10 +21,11 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from harness.can.database import Database, Signal, load
 from harness.errors import FaultError, ProblemsError, nearest
 from harness.parts import FloatArray, Port, Run, Settings, unit_of
+from harness.scenario import Hil
 
 if TYPE_CHECKING:
     from harness.can.medium import Address
-    from harness.can.node import LoopNode, Policy
+    from harness.can.node import LoopNode
     from harness.can.reception import Heard, Reception
     from harness.parts.board import BoardPart
 
@@ -181,13 +182,12 @@ class FeedPart:
     """
 
     def __init__(self, name: str, keys: Keys, database: Database) -> None:
-        from harness.can.node import Policy
         from harness.can.reception import FAULTS
 
         self.name = name
         self.keys = keys
         self.database = database
-        self.policy: Policy = Policy()
+        self.policy = Hil()
         self.seconds = math.inf
         self.inputs: Sequence[Port] = ()
         self.outputs: Sequence[Port] = (

@@ -16,12 +16,19 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from harness.can.database import load
 from harness.can.firmware.build import build_board
 from harness.errors import SteadytipError
 
 __all__ = ["CHANNELS", "FirmwareBoard", "fault_kinds", "write_samples"]
 
-CHANNELS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y", "mx", "my", "mz")
+CHANNELS = tuple(
+    signal.name.removeprefix("volts_")
+    for message in load("instrument").messages
+    if message.role == "sample"
+    for signal in message.ports
+    if signal.name.startswith("volts_")
+)
 """Of a sample, in the order of its columns."""
 _POLL = 0.002  # s
 _TO_START = 5.0  # s until the link is there

@@ -8,7 +8,7 @@ import pytest
 from harness.can.codec import Codec
 from harness.can.database import HOLD, RUN
 from harness.can.mischief import BABBLE, Fault, parse
-from harness.can.node import Policy
+from harness.scenario import Hil
 from tests.harness.can.virtual import STEP, Rig, truth
 
 BEGUN, FAULTY = 200, 300
@@ -319,7 +319,7 @@ def test_a_board_that_begins_anew_is_followed(dbc) -> None:
 
 @pytest.mark.parametrize("overrun", ["catch-up", "skip"])
 def test_samples_that_came_at_once_are_taken_one_by_one_or_skipped(overrun) -> None:
-    rig = Rig(policy=Policy(overrun))
+    rig = Rig(policy=Hil(overrun=overrun))
     rig.run(BEGUN)
     turn, held, steps = rig.loop.turn, [], []
     rig.loop.turn = lambda *_: None

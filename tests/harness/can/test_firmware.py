@@ -45,10 +45,11 @@ from harness.can.firmware import (
 from harness.can.firmware.process import CHANNELS
 from harness.can.medium import Address
 from harness.can.mischief import KINDS
-from harness.can.node import LoopNode, Policy
+from harness.can.node import LoopNode
 from harness.can.protection import Counter as Sequencer
 from harness.can.protection import Status
 from harness.errors import SteadytipError
+from harness.scenario import Hil
 
 DBCS = ("instrument", "instrument_fd")
 STATES = {"stopped": 4, "operational": 5, "pre-operational": 127}
@@ -1052,7 +1053,7 @@ def looped(
     taken: dict[int, tuple[float, ...]] = {}
     with FirmwareBoard(recording, dbc, loop=True, faults=faults, seed=5) as board:
         address = Address("slcanbulk", str(board.link))
-        node = LoopNode(load(dbc), "Loop", address, Policy(), 1e-3)
+        node = LoopNode(load(dbc), "Loop", address, Hil(), 1e-3)
         node.open()
         node.meet()
         for k in range(ticks):

@@ -12,7 +12,8 @@ from harness.can.boardnode import BoardNode
 from harness.can.database import Database, load
 from harness.can.medium import Address, State
 from harness.can.mischief import Fault
-from harness.can.node import LoopNode, Policy
+from harness.can.node import LoopNode
+from harness.scenario import Hil
 
 STEP = 1e-3
 MS = 1000  # us
@@ -63,12 +64,12 @@ class Rig:
         dbc: str = "instrument",
         faults: Sequence[Fault] = (),
         seed: int = 0,
-        policy: Policy | None = None,
+        policy: Hil | None = None,
         each: Callable[["Rig"], None] = lambda _: None,
     ) -> None:
         self.database: Database = load(dbc)
         self.board = BoardNode(self.database, "Board", NOWHERE, STEP, faults=faults, seed=seed)
-        self.loop = LoopNode(self.database, "Loop", NOWHERE, policy or Policy(), STEP)
+        self.loop = LoopNode(self.database, "Loop", NOWHERE, policy or Hil(), STEP)
         self.wire = Wire()
         self.board._medium = self.wire  # type: ignore[assignment]
         self.board._begun = 1
