@@ -168,8 +168,8 @@ def test_what_cannot_be_fused_stays_outside(apart, tmp_path) -> None:
 
 
 def test_nothing_to_fuse_is_said(tmp_path) -> None:
+    isolated = {f"part.{name}.isolate": True for name in scenario.load("closed_loop").parts}
     with pytest.raises(SteadytipError, match="nothing of closed_loop can be fused: 'hand': it is"):
-        isolated = {f"part.{name}.isolate": True for name in scenario.load("closed_loop").parts}
         harness.run("closed_loop", overrides=isolated, out=tmp_path, fuse=True)
 
 
