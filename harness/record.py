@@ -121,7 +121,19 @@ class Recorder:
             RecordError: the disk does not take another chunk.
         """
         self._chunk[self._filled] = signals
-        self._filled += 1
+        self.took(1)
+
+    def room(self) -> FloatArray:
+        """Where rows of signals may be written, (n, len(columns)), n > 0; say then `took`."""
+        return self._chunk[self._filled :]
+
+    def took(self, rows: int) -> None:
+        """Record the first rows of `room`.
+
+        Raises:
+            RecordError: the disk does not take another chunk.
+        """
+        self._filled += rows
         if self._filled == CHUNK:
             self.flush()
 

@@ -17,7 +17,7 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.errors import FaultError, ProblemsError, SteadytipError, nearest
-from harness.parts import FloatArray, Port, PortType, Run, Settings, unit_of
+from harness.parts import FloatArray, Port, PortType, Rows, Run, Settings, unit_of
 from harness.record import read_table
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
@@ -105,6 +105,10 @@ class RecordedPart:
     def advance(self, t: float, h: float) -> None:
         """Put out the row of `t`; see `harness.parts.Part.advance`."""
         self._y[:] = self._values[min(round(t / h), len(self._values) - 1)]
+
+    def march(self) -> Rows:
+        """See `harness.parts.Marching`."""
+        return Rows(self._values)
 
     def close(self) -> None:
         """Nothing has to be freed."""
