@@ -32,8 +32,6 @@ class Runner:
         self.d = np.array(model.derive_function(self.p)).ravel()
         self.x = model.state.starts()
         self.samples = 0
-        names = [scalar.name for scalar in model.parameters.scalars()]
-        self._seed = int(self.p[names.index("seed")]) if model.draws else 0
 
     def run(self, samples: int, inputs: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:
         """Run some samples and return every output.
@@ -52,9 +50,12 @@ class Runner:
         table = np.tile(self.model.inputs.starts(), (samples, 1))
         for name, value in (inputs or {}).items():
             _assign(table, self.model.inputs, name, value)
-        draws = uniforms(self._seed, self.samples, samples, self.model.draws)
+        draws = [
+            uniforms(int(self.p[seed]), self.samples, samples, count)
+            for seed, count in self.model.streams
+        ]
 
-        results = self._evaluated(table, draws)
+        results = self._evaluated(table, np.hstack([np.empty((samples, 0)), *draws]))
         self.samples += samples
         return {
             name: _unstack(results[:, place], field)
