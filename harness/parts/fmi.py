@@ -39,6 +39,7 @@ _STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 _KEPT_MESSAGES = 20
 _QUOTED_MESSAGES = 3
 _TYPES = ("Real", "Integer", "Boolean")
+_NOT_RUN = ("documentation", "sources")
 
 Stepper = Callable[[float, float], None]
 
@@ -80,7 +81,9 @@ def _callbacks(environment: int) -> fmi2CallbackFunctions:
 
 
 def unpack(description: Description, workspace: Path) -> Path:
-    """Extract an FMU below the workspace, once per content.
+    """Extract an FMU below the workspace, once per content, without what no run needs.
+
+    That is documentation, sources and binaries for other machines: most of an FMU.
 
     Raises:
         FaultError: the archive is damaged or hostile, or the disk is full.
@@ -88,8 +91,14 @@ def unpack(description: Description, workspace: Path) -> Path:
     folder = workspace / description.sha256[:16]
     if folder.exists():
         return folder
+    ours = f"{description.binary().rpartition('/')[0]}/"
+
+    def wanted(member: str) -> bool:
+        top = member.partition("/")[0]
+        return member.startswith(ours) if top == "binaries" else top not in _NOT_RUN
+
     try:
-        extract(description.path, folder)
+        extract(description.path, folder, wanted=wanted)
     except ArchiveError as error:
         raise FaultError(str(error)) from None
     return folder
