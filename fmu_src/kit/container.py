@@ -10,7 +10,7 @@ its own start value.
 | --- | --- |
 | parameter, calculated parameter | `member.name` |
 | input, output | `member_name` |
-| state | `state.member.name`, `state.wires.member_name[i]`, i ticks ago |
+| state, in messages only | `state.member.name`, `state.wires.member_name[i]`, i ticks ago |
 
 An output of a member keeps to the limits of the inputs that it drives, too.
 """
@@ -314,11 +314,14 @@ def contain(
     }
     lines = {
         "_".join(source): real(
-            outputs[source].unit, f"{'.'.join(source)}, i ticks ago", shape=ticks
+            outputs[source].unit,
+            f"{'.'.join(source)}, i ticks ago",
+            shape=ticks,
+            listed=False,
         )
         for source, ticks in depth.items()
     }
-    states = {member.name: member.model.state for member in members}
+    states = {member.name: _unlisted(member.model.state) for member in members}
     found = Container(
         name,
         _no_step,
@@ -385,6 +388,14 @@ def _check(
 
 def _record(base: type[Record], fields: Mapping[str, Any]) -> Any:
     return type(base.__name__, (base,), dict(fields))
+
+
+def _unlisted(record: type[Record]) -> type[Record]:
+    fields = {
+        name: replace(field, listed=False) if isinstance(field, Field) else _unlisted(field)
+        for name, field in record.fields.items()
+    }
+    return type(record.__name__, (record,), fields)
 
 
 def _narrowed(

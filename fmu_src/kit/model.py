@@ -130,6 +130,11 @@ class Model:
         names = [*"pdux", "r"]
         return ca.Function("step", [p, d, u, x, r], columns, names, ["x_next", "y"], {"cse": True})
 
+    @property
+    def start_function(self) -> ca.Function:
+        """What initialisation shows, with the arguments and results of a step."""
+        return self.step_function
+
     @cached_property
     def slope_function(self) -> ca.Function:
         """`(p, d, u, x, r, du) -> dy`: how outputs of a sample answer a change of its inputs."""

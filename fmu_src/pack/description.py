@@ -107,7 +107,12 @@ def content_guid(model: Model, texts: Mapping[str, str]) -> str:
 
 def _units(root: etree._Element, model: Model) -> None:
     used = sorted(
-        {s.field.unit for group in model.variables.values() for s in group if s.field.unit}
+        {
+            scalar.field.unit
+            for group in model.variables.values()
+            for scalar in group
+            if scalar.field.listed and scalar.field.unit
+        }
     )
     if not used:
         return
