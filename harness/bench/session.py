@@ -124,6 +124,11 @@ class _Plugin:
         """For files of all benchmarks."""
         return tmp_path_factory.mktemp("bench")
 
+    @pytest.fixture(scope="session")
+    def quick(self) -> bool:
+        """Whether numbers may be rough."""
+        return self._quick
+
     @pytest.fixture
     def bench(self, request: pytest.FixtureRequest, folder: Path) -> Bench:
         """See `Bench`."""

@@ -3,6 +3,7 @@
 import json
 import math
 import time
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -11,9 +12,10 @@ from hypothesis import strategies as st
 from typer.testing import CliRunner
 
 import harness
-from harness.bench import cli, contenders, page, session, stopwatch
+from harness.bench import cli, contenders, page, samples, session, stepper, stopwatch
 from harness.bench.book import Book
 from harness.cli import app
+from harness.errors import SteadytipError
 
 KEYS = ["source", "quantity", "unit", "paper", "measured", "setting"]
 POSITIVE = st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=9)
@@ -153,8 +155,51 @@ def test_the_plain_loop_is_the_harness_to_the_bit(tmp_path):
         np.testing.assert_array_equal(values, own.signals(name).astype(float), err_msg=name)
 
 
+@pytest.fixture(scope="module")
+def few(tmp_path_factory):
+    """What FMUs are measured with, of a short run."""
+    return {case.name: case for case in samples.cases(tmp_path_factory.mktemp("runs"), 0.1)}
+
+
+def test_every_model_is_measured_with_what_it_took_in_a_run(few):
+    assert sorted(few) == samples.names()
+    for case in few.values():
+        assert np.all(np.isfinite(case.table))
+    still = {name for name, case in few.items() if not np.any(np.ptp(case.table, axis=0) > 0)}
+    assert still == {"Hand", "Robot", "EmTracker"}, "nothing drives two, a robot at rest the third"
+
+
+@pytest.mark.parametrize("name", ["MicronEstimator", "PiezoStack", "OpticalInertialEkf"])
+def test_the_host_in_c_does_what_the_harness_does(name, few, tmp_path):
+    """Its last outputs are those of the same samples from Python."""
+    case = few[name]
+    spent = np.zeros(len(case.table))
+    with stepper.Stepped(case, tmp_path) as native:
+        native.samples(0, 10)
+        native.samples(10, len(case.table), spent[10:])
+        reals = [port.type == "Real" for port in case.description.outputs]
+        found = native.outputs()[reals]
+    with stepper.Stepped(case, tmp_path) as python:
+        for k, row in enumerate(case.table):
+            python.u[:] = row
+            python.advance(k * case.period, case.period)
+        np.testing.assert_array_equal(found, python.outputs()[reals])
+    assert np.all(spent[:10] == 0)
+    assert np.all(spent[10:] > 0)
+
+
+def test_a_sample_that_is_refused_is_told(few, tmp_path):
+    case = few["MicronEstimator"]
+    broken = replace(case, table=case.table.copy())
+    broken.table[1] = np.nan
+    with stepper.Stepped(broken, tmp_path) as fmu:
+        fmu.samples(0, 1)
+        with pytest.raises(SteadytipError, match=r"MicronEstimator: .* ended with FMI's status"):
+            fmu.samples(1, 2)
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("group", ["loop"])
+@pytest.mark.parametrize("group", ["loop", "fmus"])
 def test_a_group_measures(group, tmp_path):
     """Figures are there and are numbers of times and sizes."""
     out = tmp_path / "bench.json"
