@@ -67,6 +67,7 @@ class _Samples:
     setting: str
     wanted: str
     statistic: Statistic
+    part: str = ""
     values: list[float] = field(default_factory=list)
 
 
@@ -99,6 +100,7 @@ class Book:
         setting: str = "",
         wanted: str = "",
         statistic: Statistic = statistics.median,
+        part: str = "",
     ) -> None:
         """Take samples; those of one number that come in several times are put together.
 
@@ -111,8 +113,9 @@ class Book:
             setting: under which conditions.
             wanted: what is, in words.
             statistic: which number is made of all samples.
+            part: of the group, with a table of its own.
         """
-        new = _Samples(unit, setting, wanted, statistic)
+        new = _Samples(unit, setting, wanted, statistic, part)
         entry = self._entries.setdefault((group, row, column), new)
         assert isinstance(entry, _Samples)
         entry.values += values
@@ -176,7 +179,8 @@ class Book:
             if samples.values:
                 what = (samples.unit, samples.setting, samples.wanted)
                 value = float(samples.statistic(samples.values))
-                found.append(Line(group, row, column, *what, value, samples is not entry))
+                ratio = samples is not entry
+                found.append(Line(group, row, column, *what, value, ratio, samples.part))
         return found + self._given
 
     def _divided(self, group: str, ratio: _Ratio, samples: _Samples) -> _Samples:

@@ -41,8 +41,8 @@ def grid(lines: Sequence[Line]) -> Grid:
     settings: dict[str, str] = {}
     for line in lines:
         # That of a ratio says what it is of, and so does its place.
-        setting = settings.get(line.row, "") if line.compared else line.setting
-        settings[line.row] = setting
+        setting = "" if line.compared else line.setting
+        setting = settings[line.row] = setting or settings.get(line.row, "")
         rows.setdefault((line.row, setting), {})[line.column] = line
     texts = []
     for (row, setting), found in rows.items():
