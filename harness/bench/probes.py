@@ -1,16 +1,18 @@
-"""What is looked at in a process of its own, for nothing else to be in it: resident memory."""
+"""What is looked at in a process of its own, for nothing else to be in it: memory, builds."""
 
 from __future__ import annotations
 
+import contextlib
 import gc
 import multiprocessing
 import tempfile
-from collections.abc import Callable
+import time
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-__all__ = ["alone", "instances", "runs"]
+__all__ = ["alone", "builds", "instances", "runs"]
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -92,3 +94,22 @@ def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], list[f
             harness.run(scenario, overrides=overrides, out=folder, report=False, progress=look)
             sizes.append(_resident())
     return sizes, within
+
+
+def builds(folder: Path, names: Sequence[str]) -> dict[str, float]:
+    """Time to build FMUs [s], one after the other, by name.
+
+    Args:
+        folder: that has or gets the `build` folder.
+        names: of models.
+    """
+    from fmu_src import pack
+
+    pack.model_names()  # the models' modules are loaded
+    spent = {}
+    with contextlib.chdir(folder):
+        for name in names:
+            begun = time.perf_counter()
+            pack.build([name])
+            spent[name] = time.perf_counter() - begun
+    return spent
