@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from harness.errors import ProblemsError
-from harness.parts import FloatArray, Port, Run, Settings, Unit
+from harness.parts import FloatArray, Port, Rows, Run, Settings, Unit
 from harness.parts.recording import read_recording
 
 _DEGREE = 5
@@ -87,6 +87,10 @@ class ReplayPart:
     def advance(self, t: float, h: float) -> None:
         """Put out the motion at `t`; see `harness.parts.Part.advance`."""
         self._y[:] = self._values[round(t / h)]
+
+    def march(self) -> Rows:
+        """See `harness.parts.Marching`."""
+        return Rows(self._values)
 
     def close(self) -> None:
         """Nothing has to be freed."""
