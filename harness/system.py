@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 
@@ -44,6 +44,8 @@ class System:
         motions: recordings by the name of the part that they move.
         steps: number of ticks.
         notes: what the user should know before the run.
+        names: of recorded columns that are not called after their part and port, by those.
+        apart: the same before parts of it were fused into a container; None if none were.
     """
 
     scenario: Scenario
@@ -54,12 +56,19 @@ class System:
     motions: Mapping[str, Path]
     steps: int
     notes: tuple[str, ...]
+    names: Mapping[str, str] = field(default_factory=dict)
+    apart: System | None = None
 
     @property
     def columns(self) -> list[Column]:
         """All outputs in the order of the parts."""
         return [
-            Column(f"{name}.{port.name}", port.type, port.unit_name, port.description)
+            Column(
+                self.names.get(f"{name}.{port.name}", f"{name}.{port.name}"),
+                port.type,
+                port.unit_name,
+                port.description,
+            )
             for name, part in self.parts.items()
             for port in part.outputs
         ]
