@@ -82,8 +82,7 @@ def _recorded(model: Model, slope: bool) -> dict[str, ca.Function]:
         # Never plain `step`: glibc exports a function of that name.
         called = f"{model.name}_{name}"
         arguments = symbols_in(function)
-        inline = function.is_a("SXFunction")
-        found[called] = ca.Function(called, arguments, function.call(arguments, inline, not inline))
+        found[called] = ca.Function(called, arguments, function.call(arguments, True, False))
     return found
 
 
