@@ -95,6 +95,7 @@ def test_every_platforms_binary_passes_the_checks_on_files(name, everywhere) -> 
     assert max(map(int, needed)) <= 17
 
 
+@pytest.mark.usefixtures("nothing_kept")
 def test_binaries_repeat_to_the_byte(everywhere, tmp_path) -> None:
     name = "Flc"
     again = build([name], out=tmp_path, targets=["all"])[name]
