@@ -2,9 +2,8 @@
 
 Of FMUs: the first instance with its library, unpacked and begun, and what each further one adds;
 one that takes less than a page adds nothing now and then. Of runs of `closed_loop`, each with its
-record and metrics, in one process: what further runs add, what a run adds from its first second of
-ticks to its last, and what one of ten times the length leaves beyond a short one, whose metrics
-have all signals in memory at once.
+record and metrics, in one process: what further runs add, what a long run adds while it ticks, and
+what is there after it, whose metrics have all signals in memory at once.
 """
 
 import statistics
@@ -15,7 +14,7 @@ from harness.bench import probes
 from harness.bench.session import Bench
 
 _SCENARIO = "closed_loop"
-_SHORT, _LONG = 2.0, 20.0  # s
+_SHORT, _TIMES = 2.0, 10
 _KIBI = 1024.0
 
 
@@ -31,12 +30,12 @@ def bench_instances(bench: Bench) -> None:
 
 def bench_runs(bench: Bench) -> None:
     """Of runs in one process, and of a long one."""
-    count = 4 if bench.quick else 20
-    sizes, _ = probes.alone(probes.runs, _SCENARIO, _SHORT, count)
+    count, short = (4, _SHORT / 4) if bench.quick else (20, _SHORT)
+    sizes, _ = probes.alone(probes.runs, _SCENARIO, short, count)
     late = [b - a for a, b in pairwise(sizes[-(count // 2) - 1 :])]
-    (_, after), ticking = probes.alone(probes.runs, _SCENARIO, _LONG, 1)
-    several = f"{count} runs of {_SHORT:g} s in one process"
-    long = f"{_LONG:g} s, the first run of its process"
+    (_, after), ticking = probes.alone(probes.runs, _SCENARIO, _TIMES * short, 1)
+    several = f"{count} runs of {short:g} s in one process"
+    long = f"{_TIMES * short:g} s, the first run of its process"
     for row, value, unit, setting, wanted in (
         ("a process with all imports", sizes[0], "MiB", "", ""),
         ("after its first run", sizes[1], "MiB", several, ""),
@@ -48,7 +47,7 @@ def bench_runs(bench: Bench) -> None:
             "0: flat over runs",
         ),
         (
-            "ticks add, from the first second to the last",
+            "ticks of a long run add",
             _KIBI * (ticking[-1] - ticking[len(ticking) // 10]),
             "KiB",
             long,
