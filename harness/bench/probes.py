@@ -67,7 +67,7 @@ def instances(fmus: dict[str, Path], count: int) -> dict[str, tuple[float, float
     return found
 
 
-def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], list[float]]:
+def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], float | None]:
     """Memory of a process that runs a scenario again and again.
 
     Args:
@@ -76,16 +76,18 @@ def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], list[f
         count: number of runs.
 
     Returns:
-        (count + 1,) after the imports and after each run; while the last one ticks, some times a
-        second [MiB].
+        (count + 1,) after the imports and after each run; and what the last one adds while it
+        ticks, beginning with its second second [MiB], None where it is too short to tell.
     """
     import harness
     import harness.runs
 
-    sizes, within = [_resident()], [0.0]
+    sizes: list[float] = [_resident()]
+    within: list[float] = []
 
-    def look(done: float, seconds: float) -> None:
-        within.append(_resident())
+    def look(done: float, _seconds: float) -> None:
+        if done > 1.0:
+            within.append(_resident())
 
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         for _ in range(count):
@@ -93,7 +95,7 @@ def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], list[f
             within.clear()
             harness.run(scenario, overrides=overrides, out=folder, report=False, progress=look)
             sizes.append(_resident())
-    return sizes, within
+    return sizes, within[-1] - within[0] if len(within) > 1 else None
 
 
 def builds(folder: Path, names: Sequence[str]) -> dict[str, float]:
