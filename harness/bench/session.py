@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import statistics
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import pytest_benchmark  # noqa: F401 - whoever has none is told so by the import
 
-from harness.bench.book import Book, Statistic
+from harness.bench.book import Book
 from harness.errors import SteadytipError
 
 if TYPE_CHECKING:
@@ -73,7 +72,7 @@ class Bench:
         setup: Callable[[], None] | None = None,
         setting: str = "",
         wanted: str = "",
-        statistic: Statistic = statistics.median,
+        best: bool = False,
     ) -> list[float]:
         """Measure an action.
 
@@ -88,7 +87,7 @@ class Bench:
             setup: to be done before each round, untimed.
             setting: under which conditions.
             wanted: what is, in words.
-            statistic: which number is made of all rounds.
+            best: give the least of all rounds beside the median, as "at best".
 
         Returns:
             The samples [unit].
@@ -99,8 +98,9 @@ class Bench:
         else:
             benchmark.pedantic(action, rounds=rounds, warmup_rounds=warmup, setup=setup)
         values = [_SCALES[unit] / per * spent for spent in benchmark.stats.stats.data]
-        more = {"setting": setting, "wanted": wanted, "statistic": statistic}
-        self.add(row, column, values, unit, **more)
+        self.add(row, column, values, unit, setting=setting, wanted=wanted)
+        if best:
+            self.add(row, f"{column}, at best", values, unit, setting=setting, statistic=min)
         return values
 
 

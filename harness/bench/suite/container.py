@@ -71,7 +71,7 @@ def bench_tick(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> 
         ticks, step = facts["ticks"], facts["step"]
         return float(facts["wall"]) / ticks
 
-    spent = bench.time(row, _TICK, counting(ran), rounds=1)
+    spent = bench.time(row, _TICK, counting(ran), rounds=1, best=True)
     factor(bench, row, spent, step)
     if row == _FUSED:
         bench.ratio(_APART, "over the container's", (_APART, _TICK), (_FUSED, _TICK))
@@ -82,7 +82,7 @@ def bench_from_c(bench: Bench, turn: int, case: Case, tmp_path: Path) -> None:
     count = len(case.table)
     with Stepped(case, tmp_path) as fmu:
         spent = bench.time(
-            _FROM_C, _TICK, lambda: fmu.samples(0, count), per=count, rounds=1, warmup=0
+            _FROM_C, _TICK, lambda: fmu.samples(0, count), per=count, rounds=1, best=True
         )
     factor(bench, _FROM_C, spent, case.period)
 

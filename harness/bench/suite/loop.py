@@ -65,6 +65,7 @@ def bench_tick(bench: Bench, turn: int, name: str, contenders: dict[str, Contend
         per=ticks,
         rounds=1,
         warmup=int(turn == 0),
+        best=True,
     )
     own = name == _OWN
     bench.add(name, _FACTOR, [1e6 * step / each for each in spent], "", wanted="at least 20" * own)
@@ -79,5 +80,5 @@ def bench_longer(bench: Bench, turn: int, contenders: dict[str, Contender | str]
     assert isinstance(contender, Contender)
     ticks = (500 if bench.quick else 2000) * _LONGER
     row = f"{_OWN}, {_LONGER} times as long"
-    bench.time(row, _TICK, counting(lambda: contender.block(ticks)), per=ticks, rounds=1)
+    bench.time(row, _TICK, counting(lambda: contender.block(ticks)), per=ticks, rounds=1, best=True)
     bench.ratio(row, _RATIO, (row, _TICK), (_OWN, _TICK), "1: linear in steps")
