@@ -100,7 +100,14 @@ class Bench:
         values = [_SCALES[unit] / per * spent for spent in benchmark.stats.stats.data]
         self.add(row, column, values, unit, setting=setting, wanted=wanted)
         if best:
-            self.add(row, f"{column}, at best", values, unit, setting=setting, statistic=min)
+            self.add(
+                row,
+                ", ".join(filter(None, (column, "at best"))),
+                values,
+                unit,
+                setting=setting,
+                statistic=min,
+            )
         return values
 
 

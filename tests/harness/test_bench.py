@@ -2,6 +2,7 @@
 
 import json
 import math
+import sys
 import time
 from dataclasses import replace
 
@@ -103,6 +104,16 @@ def test_a_broken_benchmark_is_no_number(toys, monkeypatch):
     assert done.exit_code == 1
     assert "a benchmark is broken: bench_it" in str(done.exception)
     assert "assert 1 == 2" in str(done.exception)
+
+
+def test_without_pytest_benchmark_it_says_what_to_install(monkeypatch):
+    monkeypatch.delitem(sys.modules, "harness.bench.session")
+    monkeypatch.setitem(sys.modules, "pytest_benchmark", None)
+    done = bench("loop")
+    assert done.exit_code == 1
+    assert str(done.exception) == (
+        "benchmarks need 'pytest_benchmark': pip install 'steadytip[bench]'"
+    )
 
 
 def test_a_group_that_is_not_there_is_named():
