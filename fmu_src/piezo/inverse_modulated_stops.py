@@ -4,10 +4,11 @@
     y    = demand, a horizon h ahead                     `demand`
     z    = modulated stops                               the operator of `modulated_stops`
 
-For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So the
-values at all break points are laid out by running sums, the two that enclose y are picked, and the
-cubic between them is solved by Newton's method from a place it cannot leave: no search that could
-end early. The memory that is carried is the operator's own, moved by the voltage really sent; it
+For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So where
+no break point lies between the last voltage and the next, the cubic there is solved by Newton's
+method. Else the values at all break points are laid out by running sums, the two that enclose y are
+picked, and the cubic between them is solved, from a place it cannot leave: no search that could end
+early. The memory that is carried is the operator's own, moved by the voltage really sent; it
 never parts from the stack's for a voltage limit or a change of the gain.
 
 Gain adaptation, for an instrument that measures its stroke: where `adaptation_time` is not 0 and
@@ -29,6 +30,7 @@ follows a drift of the stack's gain, slowly enough to see nothing of sensor nois
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -36,7 +38,7 @@ import casadi as ca
 from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
 from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
-from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
+from fmu_src.piezo.modulated_stops import STOPS, Constants, Memory, Stops, settled
 
 SAMPLE_PERIOD = 1e-3
 NEWTON_STEPS = 5
@@ -47,6 +49,8 @@ CORNER = 2.0
 """Of the high-pass ahead of the adaptation [Hz]: below tremor, above creep."""
 LARGEST_GAIN = 1.5
 """Of the adaptation, and the reciprocal of the smallest."""
+SAME = 1e-14
+"""Share of the span by which rounding may keep a play from its end."""
 SMALLEST_POWER = (0.05e-6) ** 2
 """Least mean square of the demand that the adaptation counts with [m2]: a rest teaches nothing."""
 
@@ -93,8 +97,93 @@ class Precomputed(Derived):
     operator: Any = Constants
 
 
-def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> ca.SX:
-    """Voltage at which the operator gives a stroke, within the amplifier's range [V].
+@dataclass(frozen=True)
+class Piece:
+    """The operator between two neighbouring break points: a cubic in the share of the span.
+
+    Args:
+        low: stroke at a = 0, with the opposite sign [m].
+        linear: coefficient of a, and so on.
+    """
+
+    low: Any
+    linear: Any
+    square: Any
+    cubic: Any
+
+    def stroke(self, a: Any) -> Any:
+        """What the voltage of this sample makes of the stroke [m]."""
+        return a * (self.linear + a * (self.square + a * self.cubic)) - self.low
+
+    def solved(self, p: Stops, wanted: Any, start: Any, bottom: Any, top: Any) -> Any:
+        """Share of the span within bottom and top at which the stroke is wanted."""
+        least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * p.span
+        a = ca.fmin(ca.fmax(start, bottom), top)
+        for _ in range(NEWTON_STEPS):
+            slope = self.linear + a * (2 * self.square + a * 3 * self.cubic)
+            miss = self.stroke(a) - wanted
+            a = ca.fmin(ca.fmax(a - miss / ca.fmax(slope, least), bottom), top)
+        return a
+
+
+def piece(p: Stops, derived: Constants, ended: Any, ends: Any, plays: Any) -> Piece:
+    """The cubic that holds while some stops are at their ends and the others move.
+
+    Args:
+        p: the operator.
+        derived: what follows from its parameters.
+        ended: which, (STOPS,).
+        ends: where those are, shares of the span, (STOPS,).
+        plays: H by the span, (STOPS,).
+    """
+    still = ca.if_else(ended, ends, -plays)
+    low, high = ca.dot(p.weights_low, still), ca.dot(p.weights_high, still)
+    low_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_low))
+    high_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_high))
+    return Piece(
+        low=low,
+        linear=p.polynomial[0] + derived.steepness + low - low_slope - high,
+        square=p.polynomial[1] + low_slope - high_slope,
+        cubic=p.polynomial[2],
+    )
+
+
+def nearby(
+    p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
+) -> tuple[Any, Any]:
+    """Voltage that gives a stroke, if there is no break point between it and the last one.
+
+    Args:
+        p: the operator.
+        derived: what follows from its parameters.
+        amplifier: range of the voltage.
+        stroke: stroke wanted at the end of the sample [m].
+        x: memory of the stack.
+
+    Returns:
+        Voltage within the amplifier's range [V], and whether it is the one.
+    """
+    wanted = stroke - settled(p, derived, x)
+    share = 1 / p.span
+    r, plays = p.thresholds * share, x.plays * share
+    lowest, highest = amplifier.lowest * share, amplifier.highest * share
+    here = ca.fmin(ca.fmax(x.volts * share, lowest), highest)
+    resting = piece(p, derived, ca.SX.zeros(STOPS), r, plays)
+    side = ca.if_else(resting.stroke(here) < wanted, 1.0, -1.0)
+    # How far each play is from its end in the direction of the voltage.
+    way = r - side * (here - plays)
+    ended = way <= SAME
+    limit = ca.if_else(side > 0, highest - here, here - lowest)
+    reach = ca.fmin(ca.mmin(ca.if_else(ended, limit, way)), limit)
+    end = here + side * reach
+    ahead = piece(p, derived, ended, side * r, plays)
+    a = ahead.solved(p, wanted, here, ca.fmin(here, end), ca.fmax(here, end))
+    reached = side * (ahead.stroke(end) - wanted) >= 0
+    return a * p.span, ca.logic_or(reached, reach >= limit)
+
+
+def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
+    """Voltage that gives a stroke, within the amplifier's range, whatever lies between [V].
 
     Args:
         p: the operator.
@@ -137,21 +226,41 @@ def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
 
     middle = (bottom + top) / 2
     ended = ca.fabs(middle - plays) > r
-    still = ca.if_else(ended, ca.sign(middle - plays) * r, -plays)
-    low, high = ca.dot(p.weights_low, still), ca.dot(p.weights_high, still)
-    low_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_low))
-    high_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_high))
-    # The stroke by powers of a between the two.
-    cubic = p.polynomial[2]
-    square = p.polynomial[1] + low_slope - high_slope
-    linear = p.polynomial[0] + derived.steepness + low - low_slope - high
-    least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * p.span
-    a = ca.fmin(ca.fmax(x.volts / p.span, bottom), top)
-    for _ in range(NEWTON_STEPS):
-        miss = a * (linear + a * (square + a * cubic)) - low - wanted
-        slope = linear + a * (2 * square + a * 3 * cubic)
-        a = ca.fmin(ca.fmax(a - miss / ca.fmax(slope, least), bottom), top)
-    return a * p.span
+    between = piece(p, derived, ended, ca.sign(middle - plays) * r, plays)
+    return between.solved(p, wanted, x.volts / p.span, bottom, top) * p.span
+
+
+def _solving() -> ca.Function:
+    """(operator, constants, range, stroke, memory) -> volts."""
+    records = (Stops, Constants, Range, Memory)
+    p, d, a, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
+    stroke = ca.SX.sym("stroke")
+    arguments = [p, d, a, stroke, x]
+    unpacked = (Stops.unpack(p), Constants.unpack(d), Range.unpack(a), stroke, Memory.unpack(x))
+    near = ca.Function("nearby", arguments, list(nearby(*unpacked)), {"cse": True})
+    far = ca.Function("anywhere", arguments, [anywhere(*unpacked)], {"cse": True})
+    given = near.mx_in()
+    volts, found = near(*given)
+    # The search costs four times as much, and few samples need it: calls are not to be inlined,
+    # or both were evaluated.
+    solved = ca.if_else(found, volts, far(*given), True)
+    return ca.Function("solve_stops", given, [solved], {"never_inline": True})
+
+
+SOLVE = _solving()
+
+
+def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
+    """Voltage at which the operator gives a stroke, within the amplifier's range [V].
+
+    Args:
+        p: the operator.
+        derived: what follows from its parameters.
+        amplifier: range of the voltage.
+        stroke: stroke wanted at the end of the sample [m].
+        x: memory of the stack.
+    """
+    return SOLVE(p.pack(), derived.pack(), amplifier.pack(), stroke, x.pack())
 
 
 def drive(

@@ -260,8 +260,7 @@ def learning(T: float) -> ca.Function:
     Args:
         T: sample period [s].
     """
-    count, band = ca.MX.sym("count"), ca.MX.sym("band", Weights.size())
-    state = ca.MX.sym("x", X.size())
+    band, state = ca.MX.sym("band", Weights.size()), ca.MX.sym("x", X.size())
     derived, x = Weights.unpack(band), X.unpack(state)
     correlation: Any = x.correlation
     moves: Any = x.motion[:, : STRIDE * (OWN + 1)] - x.motion[:, STRIDE : STRIDE * (OWN + 2)]
