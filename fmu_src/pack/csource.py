@@ -19,7 +19,7 @@ from fmu_src.kit import Model
 from fmu_src.kit.container import Container
 from fmu_src.kit.model import symbols_in
 from fmu_src.kit.records import Field, Scalar
-from fmu_src.pack import wiring
+from fmu_src.pack import lean, wiring
 
 ENTRY = "fmu.c"
 SINGLE_PRECISION = "STEADYTIP_FLOAT"
@@ -44,9 +44,6 @@ _EXPORTED = re.compile(
 _PATTERN = re.compile(r"^(static const casadi_int |#define )(casadi_s\d+)\b.*\n", re.M)
 _NAME = re.compile(r"\bcasadi_s\d+\b")
 _HEAD = re.compile(r"^(.*\(const casadi_real\*\* arg, casadi_real\*\* res, .*\) ?\{\n)", re.M)
-# Values of two arrays that are never the same, as CasADi copies them.
-_COPIED = "for (i=0; i<n; ++i) *y++ = *x++;"
-_COPY = "(void)i; memcpy(y, x, (size_t)n * sizeof *y);"
 _UNUSED = "  (void)arg; (void)res; (void)iw; (void)w; (void)mem;\n"
 
 
@@ -104,7 +101,7 @@ def functions(model: Model) -> str:
         text = (Path(folder) / "functions.c").read_text(encoding="utf-8")
     text = _EXPORTED.sub(lambda found: _kept(found, called), text)
     text = _HEAD.sub(rf"\1{_UNUSED}", text)
-    text = "#include <string.h>\n" + text.replace(_COPIED, _COPY)
+    text = lean.lean(text)
     # Some patterns name others, as a macro; what nothing names goes.
     while (short := _PATTERN.sub(partial(_named, Counter(_NAME.findall(text))), text)) != text:
         text = short

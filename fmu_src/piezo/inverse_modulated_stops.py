@@ -6,7 +6,7 @@
 
 For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So where
 no break point lies between the last voltage and the next, the cubic there is solved by Newton's
-method. Else the values at all break points are laid out by running sums, the two that enclose y are
+method at once. Else the values at all break points are laid out by running sums, the two that enclose y are
 picked, and the cubic between them is solved, from a place it cannot leave: no search that could end
 early. The memory that is carried is the operator's own, moved by the voltage really sent; it
 never parts from the stack's for a voltage limit or a change of the gain.
@@ -38,11 +38,13 @@ import casadi as ca
 from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
 from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
-from fmu_src.piezo.modulated_stops import STOPS, Constants, Memory, Stops, settled
+from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
 
 SAMPLE_PERIOD = 1e-3
 NEWTON_STEPS = 5
 """The cubic bends by some percent between two break points; each step squares what is left."""
+FEW_STEPS, SMALL_STEP = 3, 1e-8
+"""From a voltage that is near already; the last of them squares a share of the span this small."""
 TOLERANCE = 0.1e-9
 """Stroke by which a solution may miss the demand before it counts as limited [m]."""
 CORNER = 2.0
@@ -102,50 +104,48 @@ class Piece:
     """The operator between two neighbouring break points: a cubic in the share of the span.
 
     Args:
-        low: stroke at a = 0, with the opposite sign [m].
-        linear: coefficient of a, and so on.
+        p: the operator.
+        derived: what follows from its parameters.
+        low, high: what stops at their ends and the plays of the others sum up to, by the weights
+            at either end of the range, at a = 0 [m].
+        low_slope, high_slope: sums of the weights of those that move [m].
     """
 
+    p: Stops
+    derived: Constants
     low: Any
-    linear: Any
-    square: Any
-    cubic: Any
+    low_slope: Any
+    high: Any
+    high_slope: Any
+
+    @property
+    def linear(self) -> Any:
+        """Slope of the stroke at a = 0 [m]."""
+        return (
+            self.p.polynomial[0] + self.derived.steepness + self.low - self.low_slope - self.high
+        )
+
+    @property
+    def square(self) -> Any:
+        """Coefficient of a^2 [m]."""
+        return self.p.polynomial[1] + self.low_slope - self.high_slope
 
     def stroke(self, a: Any) -> Any:
         """What the voltage of this sample makes of the stroke [m]."""
-        return a * (self.linear + a * (self.square + a * self.cubic)) - self.low
+        return a * (self.linear + a * (self.square + a * self.p.polynomial[2])) - self.low
 
-    def solved(self, p: Stops, wanted: Any, start: Any, bottom: Any, top: Any) -> Any:
-        """Share of the span within bottom and top at which the stroke is wanted."""
-        least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * p.span
-        a = ca.fmin(ca.fmax(start, bottom), top)
-        for _ in range(NEWTON_STEPS):
-            slope = self.linear + a * (2 * self.square + a * 3 * self.cubic)
+    def solved(
+        self, wanted: Any, start: Any, bottom: Any, top: Any, steps: int
+    ) -> tuple[Any, Any]:
+        """Share of the span within bottom and top at which the stroke is wanted, and last step."""
+        least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * self.p.span
+        a = before = ca.fmin(ca.fmax(start, bottom), top)
+        for _ in range(steps):
+            before = a
+            slope = self.linear + a * (2 * self.square + a * 3 * self.p.polynomial[2])
             miss = self.stroke(a) - wanted
             a = ca.fmin(ca.fmax(a - miss / ca.fmax(slope, least), bottom), top)
-        return a
-
-
-def piece(p: Stops, derived: Constants, ended: Any, ends: Any, plays: Any) -> Piece:
-    """The cubic that holds while some stops are at their ends and the others move.
-
-    Args:
-        p: the operator.
-        derived: what follows from its parameters.
-        ended: which, (STOPS,).
-        ends: where those are, shares of the span, (STOPS,).
-        plays: H by the span, (STOPS,).
-    """
-    still = ca.if_else(ended, ends, -plays)
-    low, high = ca.dot(p.weights_low, still), ca.dot(p.weights_high, still)
-    low_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_low))
-    high_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_high))
-    return Piece(
-        low=low,
-        linear=p.polynomial[0] + derived.steepness + low - low_slope - high,
-        square=p.polynomial[1] + low_slope - high_slope,
-        cubic=p.polynomial[2],
-    )
+        return a, ca.fabs(a - before)
 
 
 def nearby(
@@ -165,21 +165,40 @@ def nearby(
     """
     wanted = stroke - settled(p, derived, x)
     share = 1 / p.span
-    r, plays = p.thresholds * share, x.plays * share
-    lowest, highest = amplifier.lowest * share, amplifier.highest * share
-    here = ca.fmin(ca.fmax(x.volts * share, lowest), highest)
-    resting = piece(p, derived, ca.SX.zeros(STOPS), r, plays)
-    side = ca.if_else(resting.stroke(here) < wanted, 1.0, -1.0)
-    # How far each play is from its end in the direction of the voltage.
-    way = r - side * (here - plays)
-    ended = way <= SAME
-    limit = ca.if_else(side > 0, highest - here, here - lowest)
-    reach = ca.fmin(ca.mmin(ca.if_else(ended, limit, way)), limit)
-    end = here + side * reach
-    ahead = piece(p, derived, ended, side * r, plays)
-    a = ahead.solved(p, wanted, here, ca.fmin(here, end), ca.fmax(here, end))
+    here = ca.fmin(ca.fmax(x.volts, amplifier.lowest), amplifier.highest)
+    low, high = (-share * ca.dot(w, x.plays) for w in (p.weights_low, p.weights_high))
+    resting = Piece(p, derived, low, derived.low_sum, high, derived.high_sum)
+    side = ca.if_else(resting.stroke(share * here) < wanted, 1.0, -1.0)
+    # How far each play is from its end in the direction of the voltage [V]. Those that are there
+    # hold back as much as here.
+    way = (p.thresholds + side * x.plays) - side * here
+    ended = way <= SAME * p.span
+    low_ended, high_ended = (
+        ca.sum1(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
+    )
+    ahead = Piece(
+        p,
+        derived,
+        low + share * here * low_ended,
+        derived.low_sum - low_ended,
+        high + share * here * high_ended,
+        derived.high_sum - high_ended,
+    )
+    limit = ca.if_else(side > 0, amplifier.highest - here, here - amplifier.lowest)
+    reach = _smallest([limit, *ca.vertsplit(ca.if_else(ended, limit, way))])
+    end = share * (here + side * reach)
+    bottom, top = ca.fmin(share * here, end), ca.fmax(share * here, end)
+    a, last = ahead.solved(wanted, share * here, bottom, top, FEW_STEPS)
     reached = side * (ahead.stroke(end) - wanted) >= 0
-    return a * p.span, ca.logic_or(reached, reach >= limit)
+    return a * p.span, ca.logic_and(ca.logic_or(reached, reach >= limit), last <= SMALL_STEP)
+
+
+def _smallest(values: list[Any]) -> Any:
+    """Of some, by pairs, since in a row each would wait for the one before."""
+    while len(values) > 1:
+        pairs = zip(values[::2], values[1::2], strict=False)
+        values = [ca.fmin(one, other) for one, other in pairs] + values[len(values) // 2 * 2 :]
+    return values[0]
 
 
 def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
@@ -226,8 +245,13 @@ def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Mem
 
     middle = (bottom + top) / 2
     ended = ca.fabs(middle - plays) > r
-    between = piece(p, derived, ended, ca.sign(middle - plays) * r, plays)
-    return between.solved(p, wanted, x.volts / p.span, bottom, top) * p.span
+    still = ca.if_else(ended, ca.sign(middle - plays) * r, -plays)
+    sums = []
+    for weights in (p.weights_low, p.weights_high):
+        sums += [ca.dot(weights, still), ca.sum1(ca.if_else(ended, 0.0, weights))]
+    between = Piece(p, derived, *sums)
+    a, _ = between.solved(wanted, x.volts / p.span, bottom, top, NEWTON_STEPS)
+    return a * p.span
 
 
 def _solving() -> ca.Function:

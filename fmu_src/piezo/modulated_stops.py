@@ -135,6 +135,8 @@ class Constants(Derived):
 
     left = real(None, "what is left of creep's distance after a sample", shape=LAGS)
     steepness = real("m", "lead p_1 / T", start=0.0)
+    low_sum = real("m", "sum of f")
+    high_sum = real("m", "sum of g")
     smallest_slope = real("m/V", "lower bound of the slope of stroke over voltage")
     defined = condition("whether the operator has an inverse", UNDEFINED)
 
@@ -156,6 +158,8 @@ def derive(p: Stops, T: float) -> Constants:
     return Constants(
         left=ca.exp(-T / p.creep_time),
         steepness=steepness,
+        low_sum=ca.sum1(p.weights_low),
+        high_sum=ca.sum1(p.weights_high),
         smallest_slope=smallest,
         defined=ca.logic_and(ca.logic_and(rising, steady), enough),
     )
@@ -197,8 +201,9 @@ def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memo
     """One sample."""
     following = remember(p, derived, u.volts, x)
     a = u.volts / p.span
-    stops = (u.volts - following.plays) / p.span
-    held = ca.dot((1 - a) * p.weights_low + a * p.weights_high, stops)
+    left = u.volts - following.plays
+    low, high = ca.dot(p.weights_low, left), ca.dot(p.weights_high, left)
+    held = ((1 - a) * low + a * high) / p.span
     stroke = settled(p, derived, x) + derived.steepness * a + loading(p, a) - held
     return following, Out(stroke=stroke)
 
