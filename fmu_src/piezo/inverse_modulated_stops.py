@@ -121,9 +121,7 @@ class Piece:
     @property
     def linear(self) -> Any:
         """Slope of the stroke at a = 0 [m]."""
-        return (
-            self.p.polynomial[0] + self.derived.steepness + self.low - self.low_slope - self.high
-        )
+        return self.p.polynomial[0] + self.derived.steepness + self.low - self.low_slope - self.high
 
     @property
     def square(self) -> Any:
@@ -134,9 +132,7 @@ class Piece:
         """What the voltage of this sample makes of the stroke [m]."""
         return a * (self.linear + a * (self.square + a * self.p.polynomial[2])) - self.low
 
-    def solved(
-        self, wanted: Any, start: Any, bottom: Any, top: Any, steps: int
-    ) -> tuple[Any, Any]:
+    def solved(self, wanted: Any, start: Any, bottom: Any, top: Any, steps: int) -> tuple[Any, Any]:
         """Share of the span within bottom and top at which the stroke is wanted, and last step."""
         least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * self.p.span
         a = before = ca.fmin(ca.fmax(start, bottom), top)
@@ -164,7 +160,7 @@ def nearby(
         Voltage within the amplifier's range [V], and whether it is the one.
     """
     wanted = stroke - settled(p, derived, x)
-    share = 1 / p.span
+    share = derived.share
     here = ca.fmin(ca.fmax(x.volts, amplifier.lowest), amplifier.highest)
     low, high = (-share * ca.dot(w, x.plays) for w in (p.weights_low, p.weights_high))
     resting = Piece(p, derived, low, derived.low_sum, high, derived.high_sum)
@@ -212,8 +208,8 @@ def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Mem
         x: memory of the stack.
     """
     wanted = stroke - settled(p, derived, x)
-    r, plays = p.thresholds / p.span, x.plays / p.span
-    lowest, highest = amplifier.lowest / p.span, amplifier.highest / p.span
+    r, plays = p.thresholds * derived.share, x.plays * derived.share
+    lowest, highest = amplifier.lowest * derived.share, amplifier.highest * derived.share
 
     def value(a: Any, low: Any, low_slope: Any, high: Any, high_slope: Any) -> Any:
         """Stroke at a, where the stops sum up to low + low_slope a, and high + high_slope a."""
@@ -250,7 +246,7 @@ def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Mem
     for weights in (p.weights_low, p.weights_high):
         sums += [ca.dot(weights, still), ca.sum1(ca.if_else(ended, 0.0, weights))]
     between = Piece(p, derived, *sums)
-    a, _ = between.solved(wanted, x.volts / p.span, bottom, top, NEWTON_STEPS)
+    a, _ = between.solved(wanted, x.volts * derived.share, bottom, top, NEWTON_STEPS)
     return a * p.span
 
 
