@@ -361,8 +361,8 @@ def beginning() -> ca.Function:
     memory = ca.SX.sym("memory", Memory.size())
     arguments = [p, strokes, memory]
     begun = initial_memory(Params.unpack(p), strokes).pack()
-    functions = [ca.Function(n, arguments, [m]) for n, m in (("kept", memory), ("begun", begun))]
-    return ca.Function.if_else("begin", *functions)
+    keeping = ca.Function("keep_memory", arguments, [memory])
+    return ca.Function.if_else("begin", keeping, ca.Function("begin_memory", arguments, [begun]))
 
 
 @cache

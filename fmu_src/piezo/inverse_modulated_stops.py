@@ -6,10 +6,10 @@
 
 For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So where
 no break point lies between the last voltage and the next, the cubic there is solved by Newton's
-method at once. Else the values at all break points are laid out by running sums, the two that enclose y are
-picked, and the cubic between them is solved, from a place it cannot leave: no search that could end
-early. The memory that is carried is the operator's own, moved by the voltage really sent; it
-never parts from the stack's for a voltage limit or a change of the gain.
+method at once. Else the values at all break points are laid out by running sums, the two that
+enclose y are picked, and the cubic between them is solved, from a place it cannot leave: no search
+that could end early. The memory that is carried is the operator's own, moved by the voltage really
+sent; it never parts from the stack's for a voltage limit or a change of the gain.
 
 Gain adaptation, for an instrument that measures its stroke: where `adaptation_time` is not 0 and
 `measured_valid`, with both signals above CORNER,

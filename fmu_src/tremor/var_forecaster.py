@@ -171,7 +171,7 @@ def others(axis: int) -> list[int]:
 
 
 def following_velocity(coefficients: Any, velocity: Any) -> Any:
-    """v of the next stride, (AXES,) [m].
+    """Velocity v of the next stride, (AXES,) [m].
 
     Args:
         coefficients: A, (SIZE, AXES).
