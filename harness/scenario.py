@@ -14,7 +14,9 @@ A scenario is TOML. Keys of the file:
 | variant.NAME | | what one variant changes, as `extends` does; `steadytip run` compares them |
 | wire | | list of `from`, `to` (`part.port`; a `*` is the same text on both sides), `delay` |
 | signals | | what the metrics and the report read: role = port, pattern (`*`, `?`) or list |
+| change, fault | | lists of what happens in the middle of a run: `harness.events` |
 | hil | | the loop on the wall clock: `Hil` |
+| sweep | | what `steadytip sweep` varies: `harness.sweep.table` |
 
 Laid over another table, parts and variants merge per key; a wire takes the place of one with the
 same `to`, or is appended.
@@ -38,7 +40,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.errors import ProblemsError, SteadytipError, nearest
+from harness.events import Change, Fault
 from harness.parts import is_path, kinds
+from harness.sweep.table import FaultRange, Sweep
+from harness.tables import Positive as _Positive
+from harness.tables import Strict as _Strict
 
 __all__ = [
     "SHORTEST",
@@ -58,13 +64,8 @@ SHORTEST = 1.0
 SQUARED = "innovation_squared"
 """Output with which an estimator tells how large its corrections are; see `harness.consistency`."""
 
-_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 _Ports = str | list[str]
 _SHIPPED = files("harness") / "scenarios"
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 @dataclass(frozen=True)
@@ -177,7 +178,10 @@ class _File(_Strict):
     part: dict[str, _Common]
     wire: list[_Wire] = []
     signals: Signals = Signals()
+    change: list[Change] = []
+    fault: list[Fault] = []
     hil: Hil = Hil()
+    sweep: Sweep | None = None
     variant: dict[str, Any] = {}
 
 
@@ -226,6 +230,9 @@ class Scenario:
     wires: tuple[Wire, ...]
     signals: Signals
     hil: Hil
+    changes: tuple[Change, ...]
+    faults: tuple[Fault, ...]
+    sweep: Sweep | None
     texts: tuple[tuple[str, str], ...]
     overrides: Mapping[str, Any] = field(default_factory=dict)
     variant: str | None = None
@@ -272,6 +279,11 @@ def load(
         checked = _File.model_validate(table)
     except ValidationError as error:
         problems += [_sentence(entry) for entry in error.errors()]
+    else:
+        problems += [
+            f"fault on '{fault.wire}': {fault.trouble}" for fault in checked.fault if fault.trouble
+        ]
+        problems += checked.sweep.problems() if checked.sweep else []
     if problems:
         raise ProblemsError(path.name, problems)
     return Scenario(
@@ -286,6 +298,9 @@ def load(
         wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
         signals=checked.signals,
         hil=checked.hil,
+        changes=tuple(checked.change),
+        faults=tuple(checked.fault),
+        sweep=checked.sweep,
         texts=texts,
         overrides=overrides,
         variant=variant,
@@ -358,8 +373,16 @@ def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]
             name: _resolved(variant, folder, f"{where}, variant {name}")
             for name, variant in variants.items()
         },
+        "sweep": _with_paths(table.get("sweep"), folder),
     }
     return table | {key: value for key, value in changed.items() if key in table}
+
+
+def _with_paths(sweep: Any, folder: Path) -> Any:
+    motions = sweep.get("motions") if isinstance(sweep, dict) else None
+    if not isinstance(motions, list):
+        return sweep
+    return sweep | {"motions": [str(folder / m) if isinstance(m, str) else m for m in motions]}
 
 
 def _is_path(key: str, value: str) -> bool:
@@ -376,6 +399,8 @@ def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]
         old = merged.get(key)
         if key == "wire" and isinstance(old, list) and isinstance(value, list):
             merged[key] = [wire for wire in old if not _ends_as(wire, value)] + value
+        elif key == "vary" and isinstance(old, dict) and isinstance(value, dict):
+            merged[key] = old | value  # what is said of a variable is not mixed
         elif key == "part" and isinstance(old, dict):
             merged[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
         elif isinstance(old, dict) and isinstance(value, dict):
@@ -441,6 +466,10 @@ _MODELS: dict[str, type[BaseModel]] = {
     "signals": Signals,
     "hil": Hil,
     "hil.limits": Limit,
+    "change": Change,
+    "fault": Fault,
+    "sweep": Sweep,
+    "sweep.fault": FaultRange,
 }
 
 

@@ -3,18 +3,20 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from harness.errors import ProblemsError, SteadytipError, nearest
+from harness.events import MODEL, Event, events_of, tapped
 from harness.parts import Part, Settings, kinds
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.record import Column
-from harness.scenario import SHORTEST, SQUARED, Scenario, Wire
+from harness.scenario import SHORTEST, SQUARED, PartTable, Scenario, Wire
 from harness.wiring import Wiring, connect, cross
 
 __all__ = ["System", "absent", "assemble", "matching", "moved_part", "part_seed", "roles"]
@@ -44,6 +46,7 @@ class System:
         motions: recordings by the name of the part that they move.
         steps: number of ticks.
         notes: what the user should know before the run.
+        events: what happens in the middle of it.
     """
 
     scenario: Scenario
@@ -54,6 +57,7 @@ class System:
     motions: Mapping[str, Path]
     steps: int
     notes: tuple[str, ...]
+    events: tuple[Event, ...] = ()
 
     @property
     def columns(self) -> list[Column]:
@@ -95,6 +99,7 @@ def assemble(
         SteadytipError: a model does not build, or no single part takes the recording.
     """
     where = scenario.name
+    scenario = _with_fault_parts(scenario)
     gone = absent(scenario)
     made = _make(scenario, [name for name in scenario.parts if name not in gone], progress)
     motions = {name: table.motion for name, table in scenario.parts.items() if table.motion}
@@ -112,7 +117,12 @@ def assemble(
         parts[name] = part
         parts |= getattr(part, "companions", {})
     wires, crossing = cross(wires, parts, gone)
+    wires, problems = tapped(wires, parts, scenario.faults)
     wiring = connect(where, parts, wires)
+    changes = [*scenario.changes, *(c for fault in scenario.faults for c in fault.changes())]
+    events = events_of(changes, parts, wiring.undriven, scenario.step, problems)
+    if problems:
+        raise ProblemsError(where, problems)
     seconds, notes = _duration(scenario, parts)
     columns = [f"{name}.{port.name}" for name, part in parts.items() for port in part.outputs]
     return System(
@@ -124,7 +134,19 @@ def assemble(
         motions=motions,
         steps=max(1, int(seconds / scenario.step + 1e-6)),
         notes=(*notes, *crossing, *_silent_estimators(scenario, columns), *wiring.notes),
+        events=events,
     )
+
+
+def _with_fault_parts(scenario: Scenario) -> Scenario:
+    """A scenario with the parts that go into its wires."""
+    settings: dict[str, dict[str, Any]] = {}
+    for fault in scenario.faults:
+        table = settings.setdefault(fault.part, {"fmu": MODEL})
+        if fault.at == 0.0:
+            table |= fault.settings
+    added = {name: PartTable("fmu", table, 10.0, None) for name, table in settings.items()}
+    return replace(scenario, parts={**scenario.parts, **added})
 
 
 def absent(scenario: Scenario) -> frozenset[str]:
