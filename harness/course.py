@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 import contextlib
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from harness.errors import FaultError, PartError
 from harness.loop import Loop, Moment, Outcome, Progress
-from harness.parts import Adjustable, FloatArray, Reusable, Run
+from harness.parts import Adjustable, Reusable, Run
 
 if TYPE_CHECKING:
     from harness.events import Event
@@ -42,10 +42,10 @@ def proceed(
     recorder: Recorder,
     events: Sequence[Event] = (),
     since: Moment | None = None,
+    until: int | None = None,
     progress: Progress = lambda _done, _seconds: None,
-    observe: Callable[[FloatArray], None] | None = None,
-) -> Outcome:
-    """Go on to the end of a run through all that happens.
+) -> tuple[Outcome, Moment | None]:
+    """Go on with a run through all that happens.
 
     Args:
         system: its parts are in the states of `since`, and kept if anything happens.
@@ -53,27 +53,27 @@ def proceed(
         recorder: takes the signals of every tick.
         events: in their order; those before `since` have happened.
         since: the beginning if left out.
+        until: tick to stop before, and before what happens then; the end if left out.
         progress: told simulated time done and in all [s].
-        observe: takes the signals of every tick, too.
+
+    Returns:
+        How it ended, and where it stands then; None if it did not even start.
     """
-    done = since.tick if since is not None else -1
-    left = [event for event in events if done <= event.tick < run.steps]
-    wall = 0.0
-    outcome: Outcome | None = None
-    try:
-        for tick in sorted({event.tick for event in left if event.tick > done} | {run.steps}):
-            if since is not None:
+    done, last = (-1 if since is None else since.tick), (run.steps if until is None else until)
+    left = [event for event in events if done <= event.tick < last]
+    outcome, wall = Outcome(max(done, 0), 0.0, None, ()), 0.0
+    for tick in sorted({event.tick for event in left if event.tick > done} | {last}):
+        if since is not None:
+            try:
                 adjust(system, [event for event in left if event.tick == since.tick])
-            loop = Loop(system, run, recorder, observe=observe, since=since, until=tick)
-            outcome = loop.go(progress)
-            wall += outcome.wall
-            since = loop.moment()
-            if outcome.error is not None:
-                break
-        assert outcome is not None
-        return replace(outcome, wall=wall)
-    except PartError as error:
-        return Outcome(since.tick if since is not None else 0, wall, error, ())
+            except PartError as error:
+                return replace(outcome, wall=wall, error=error), since
+        loop = Loop(system, run, recorder, since=since, until=tick)
+        outcome = loop.go(progress)
+        since, wall = loop.moment(), wall + outcome.wall
+        if outcome.error is not None:
+            break
+    return replace(outcome, wall=wall), since
 
 
 def play(
@@ -81,13 +81,12 @@ def play(
     run: Run,
     recorder: Recorder,
     progress: Progress = lambda _done, _seconds: None,
-    observe: Callable[[FloatArray], None] | None = None,
 ) -> Outcome:
     """A whole run through all that happens; the parts are closed at its end."""
     if not system.events:
-        return Loop(system, run, recorder, observe=observe).go(progress)
+        return Loop(system, run, recorder).go(progress)
     with keeping(system):
-        return proceed(system, run, recorder, system.events, None, progress, observe)
+        return proceed(system, run, recorder, system.events, progress=progress)[0]
 
 
 @contextlib.contextmanager

@@ -57,6 +57,9 @@ __all__ = [
     "Wire",
     "available",
     "load",
+    "merged",
+    "nested",
+    "varied",
 ]
 
 SHORTEST = 1.0
@@ -213,6 +216,7 @@ class Scenario:
     Attributes:
         name: file name without its ending.
         given: how it was asked for: a path, or the name of a shipped one.
+        table: what was checked, everything laid over each other.
         texts: (name, text) of the files that it was read from, the most basic one first.
         overrides: what replaced values of the files.
         variant: which of the file's variants this is; None if it is none of them.
@@ -233,6 +237,7 @@ class Scenario:
     changes: tuple[Change, ...]
     faults: tuple[Fault, ...]
     sweep: Sweep | None
+    table: Mapping[str, Any]
     texts: tuple[tuple[str, str], ...]
     overrides: Mapping[str, Any] = field(default_factory=dict)
     variant: str | None = None
@@ -267,11 +272,63 @@ def load(
         if variant not in variants:
             hint = nearest(variant, variants) if variants else "it has none."
             raise SteadytipError(f"{path.name} has no variant '{variant}'; {hint}")
-        table = _merge(table, variants[variant])
-    overrides = dict(overrides or {})
+        table = merged(table, variants[variant])
+    return _checked(table, dict(overrides or {}), path, os.fspath(scenario), texts, variant, variants)
+
+
+def varied(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
+    """A scenario with some of its values replaced, as `load` replaces them.
+
+    Args:
+        scenario: to be changed.
+        values: by dotted key.
+
+    Raises:
+        ProblemsError: everything that is wrong with them.
+    """
+    return _checked(
+        dict(scenario.table),
+        dict(values),
+        Path(scenario.name),
+        scenario.given,
+        scenario.texts,
+        scenario.variant,
+        dict.fromkeys(scenario.variants),
+    )
+
+
+def nested(overrides: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+    """Values by dotted key as tables in tables.
+
+    Args:
+        overrides: values by dotted key.
+        problems: keys that contradict each other are told here.
+    """
+    tables: dict[str, Any] = {}
+    for dotted, value in overrides.items():
+        *path, last = dotted.split(".")
+        table = tables
+        for key in path:
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                problems.append(f"override '{dotted}' = {value!r} contradicts another override")
+                table = {}
+        table[last] = value
+    return tables
+
+
+def _checked(
+    table: dict[str, Any],
+    overrides: dict[str, Any],
+    path: Path,
+    given: str,
+    texts: tuple[tuple[str, str], ...],
+    variant: str | None,
+    variants: Mapping[str, Any],
+) -> Scenario:
     problems: list[str] = []
     if overrides:
-        table = _merge(table, _resolved(_nested(overrides, problems), Path(), "overrides"))
+        table = merged(table, _resolved(nested(overrides, problems), Path(), "overrides"))
     parts = table.get("part")
     if isinstance(parts, dict):
         problems += [text for name, part in parts.items() for text in _kind_problems(name, part)]
@@ -288,7 +345,8 @@ def load(
         raise ProblemsError(path.name, problems)
     return Scenario(
         name=path.stem,
-        given=os.fspath(scenario),
+        given=given,
+        table=table,
         title=checked.title or path.stem,
         seconds=checked.seconds,
         step=checked.step,
@@ -345,10 +403,10 @@ def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tup
     texts: dict[tuple[str, str], None] = {}  # in order, each once
     for base in bases:
         found, read = _read(_locate(base, path.parent), (*seen, path.resolve()))
-        below = _merge(below, found)
+        below = merged(below, found)
         texts |= dict.fromkeys(read)
     texts[path.name, text] = None
-    return _merge(below, _resolved(table, path.parent, path.name)), tuple(texts)
+    return merged(below, _resolved(table, path.parent, path.name)), tuple(texts)
 
 
 def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
@@ -392,22 +450,22 @@ def _is_path(key: str, value: str) -> bool:
     return key in {"motion", "parameters"}
 
 
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """`above` laid over `below`: tables merge, wires by their end, the rest is replaced."""
-    merged = dict(below)
+    laid = dict(below)
     for key, value in above.items():
-        old = merged.get(key)
+        old = laid.get(key)
         if key == "wire" and isinstance(old, list) and isinstance(value, list):
-            merged[key] = [wire for wire in old if not _ends_as(wire, value)] + value
+            laid[key] = [wire for wire in old if not _ends_as(wire, value)] + value
         elif key == "vary" and isinstance(old, dict) and isinstance(value, dict):
-            merged[key] = old | value  # what is said of a variable is not mixed
+            laid[key] = old | value  # what is said of a variable is not mixed
         elif key == "part" and isinstance(old, dict):
-            merged[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
+            laid[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
         elif isinstance(old, dict) and isinstance(value, dict):
-            merged[key] = _merge(old, value)
+            laid[key] = merged(old, value)
         else:
-            merged[key] = value
-    return merged
+            laid[key] = value
+    return laid
 
 
 def _ends_as(wire: Any, others: list[Any]) -> bool:
@@ -420,22 +478,8 @@ def _merge_part(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str,
     known = kinds().keys()
     changes_kind = any(key in known and key not in below for key in above)
     if not changes_kind or not below:
-        return _merge(below, above)
+        return merged(below, above)
     return {"stands_for": {k: v for k, v in below.items() if k != "stands_for"}, **above}
-
-
-def _nested(overrides: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
-    nested: dict[str, Any] = {}
-    for dotted, value in overrides.items():
-        *path, last = dotted.split(".")
-        table = nested
-        for key in path:
-            table = table.setdefault(key, {})
-            if not isinstance(table, dict):
-                problems.append(f"override '{dotted}' = {value!r} contradicts another override")
-                table = {}
-        table[last] = value
-    return nested
 
 
 def _kind_problems(name: str, part: Mapping[str, Any]) -> Iterable[str]:

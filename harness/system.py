@@ -12,14 +12,24 @@ import numpy as np
 
 from harness.errors import ProblemsError, SteadytipError, nearest
 from harness.events import MODEL, Event, events_of, tapped
-from harness.parts import Part, Settings, kinds
+from harness.parts import Part, Settings, is_path, kinds
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.record import Column
 from harness.scenario import SHORTEST, SQUARED, PartTable, Scenario, Wire
 from harness.wiring import Wiring, connect, cross
 
-__all__ = ["System", "absent", "assemble", "matching", "moved_part", "part_seed", "roles"]
+__all__ = [
+    "System",
+    "absent",
+    "assemble",
+    "matching",
+    "moved_part",
+    "part_seed",
+    "placed",
+    "reference",
+    "roles",
+]
 
 _COUNTS = {
     "moved": 3,
@@ -86,6 +96,7 @@ def assemble(
     scenario: Scenario,
     motion: Path | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    files: Mapping[str, Path] | None = None,
 ) -> System:
     """Build what is missing, make the parts, wire them.
 
@@ -93,6 +104,7 @@ def assemble(
         scenario: checked scenario.
         motion: recording for the one part that takes one.
         progress: told in a few words what is being done.
+        files: what to take instead of files and models that the scenario names; see `reference`.
 
     Raises:
         ProblemsError: everything that is wrong with parts, or with wires, or with signals.
@@ -101,7 +113,8 @@ def assemble(
     where = scenario.name
     scenario = _with_fault_parts(scenario)
     gone = absent(scenario)
-    made = _make(scenario, [name for name in scenario.parts if name not in gone], progress)
+    there = files or {}
+    made = _make(scenario, [n for n in scenario.parts if n not in gone], progress, there)
     motions = {name: table.motion for name, table in scenario.parts.items() if table.motion}
     motions = {name: path for name, path in motions.items() if name not in gone}
     if motion is not None:
@@ -111,7 +124,9 @@ def assemble(
     for name, part in made.items():
         if name in motions:
             companion = f"{name}.motion"
-            parts[companion] = ReplayPart(companion, {"replay": str(motions[name])}, seed=0)
+            parts[companion] = ReplayPart(
+                companion, {"replay": str(there.get(str(motions[name]), motions[name]))}, seed=0
+            )
             _check_takes_motion(name, part)
             wires.append(Wire(f"{companion}.recorded*", f"{name}.recorded*"))
         parts[name] = part
@@ -166,10 +181,13 @@ def _owner(name: str, scenario: Scenario) -> str:
 
 
 def _make(
-    scenario: Scenario, names: Sequence[str], progress: Callable[[str], None]
+    scenario: Scenario,
+    names: Sequence[str],
+    progress: Callable[[str], None],
+    files: Mapping[str, Path],
 ) -> dict[str, Part]:
     known = kinds()
-    wanted = {name: scenario.parts[name] for name in names}
+    wanted = {name: placed(scenario.parts[name], files) for name in names}
     classes = {kind: known[kind].load() for kind in {t.kind for t in wanted.values()}}
     settings: dict[str, Settings] = {}
     for kind, part_class in classes.items():
@@ -187,6 +205,24 @@ def _make(
     if problems:
         raise ProblemsError(scenario.name, problems)
     return parts
+
+
+def reference(table: PartTable, key: str) -> str:
+    """How a part's setting names a file, or a model that is built in some flavour."""
+    text = str(table.settings[key])
+    if key == "fmu" and not is_path(text):
+        return f"{table.settings.get('flavour', 'native')} {text}"
+    return text
+
+
+def placed(table: PartTable, files: Mapping[str, Path]) -> PartTable:
+    """A table with other files in the place of those that it names."""
+    found = {
+        key: str(files[reference(table, key)])
+        for key in (table.kind, "parameters")
+        if key in table.settings and reference(table, key) in files
+    }
+    return replace(table, settings={**table.settings, **found}) if found else table
 
 
 def moved_part(parts: Mapping[str, Part]) -> str:

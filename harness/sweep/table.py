@@ -31,7 +31,8 @@ A grid is the product of everything that is listed: values, seeds, recordings, f
 | `mean`, `sigma` | normal; cut off at `min` and `max`, if given |
 | `distribution`, and its arguments | of that name in `scipy.stats` |
 
-`integer = true` rounds. A variable with `from` acts from that time on [s]; until then it is as the
+`integer = true` rounds. `times = [1e-5, 2e-5]` is for arrays: each element is the value times its own
+number. A variable with `from` acts from that time on [s]; until then it is as the
 scenario has it. Only what can be set in a run can have one: see `harness.events`.
 """
 
@@ -78,6 +79,7 @@ class Variable(BaseModel):
     sigma: Positive | None = None
     distribution: str | None = None
     integer: bool = False
+    times: list[_Finite] | None = Field(default=None, min_length=1)
     since: Positive | None = Field(default=None, alias="from")
 
     @property
@@ -101,7 +103,7 @@ class Variable(BaseModel):
             "mean": {"mean", "sigma", "min", "max"},
             "min": {"min", "max", "scale", "points"},
             "": {"min", "max", "scale", "points"},
-        }[self.form] | {"integer", "since"}
+        }[self.form] | {"integer", "times", "since"}
         if self.form != "distribution" and extra:
             known = [f.alias or name for name, f in type(self).model_fields.items()]
             yield from (f"unknown key '{key}'; {nearest(key, known)}" for key in extra)
@@ -158,6 +160,10 @@ class Variable(BaseModel):
         high = math.inf if self.max is None else self.max
         a, b = ((end - self.mean) / self.sigma for end in (low, high))
         return stats.truncnorm(a, b, loc=self.mean, scale=self.sigma)
+
+    def whole(self, value: Any) -> Any:
+        """What a part is given for a value."""
+        return value if self.times is None else [value * each for each in self.times]
 
     def at(self, u: float) -> Any:
         """Value at a probability in (0, 1)."""

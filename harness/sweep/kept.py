@@ -1,0 +1,80 @@
+"""A run's signals in memory, those that figures of merit are computed from, and no file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness.consistency import consistency_of
+from harness.metrics import metrics_of_result
+from harness.scenario import SQUARED
+from harness.system import matching
+
+if TYPE_CHECKING:
+    from harness.metrics import Metric
+    from harness.parts import FloatArray
+    from harness.system import System
+
+__all__ = ["Kept", "wanted"]
+
+_OF_ESTIMATORS = (SQUARED, "innovation_size", "valid", "*_sigma_?")
+
+
+def wanted(system: System) -> tuple[str, ...]:
+    """Columns that figures of merit can need: those with a role, and what estimators state."""
+    names = [column.name for column in system.columns]
+    played = [name for columns in system.roles.values() for name in columns]
+    stated = matching(names, [f"*.{port}" for port in _OF_ESTIMATORS])
+    return tuple(dict.fromkeys([*played, *stated]))
+
+
+class Kept:
+    """Takes the signals of every tick, as `harness.record.Recorder` does; see `result.Signals`."""
+
+    def __init__(self, system: System, facts: Mapping[str, Any]) -> None:
+        """Make room for a whole run.
+
+        Args:
+            system: what is run.
+            facts: about the run, as far as figures of merit need them.
+        """
+        self.facts = facts
+        self.columns: Sequence[str] = wanted(system)
+        names = [column.name for column in system.columns]
+        self._index = np.array([names.index(name) for name in self.columns], dtype=np.intp)
+        self._at = {name: k for k, name in enumerate(self.columns)}
+        self._values = np.zeros((system.steps, len(self.columns)))
+        self._rows = list(self._values)
+        self.ticks = 0
+        """Rows that are filled; a run that goes on from a tick sets it to that."""
+
+    def append(self, signals: FloatArray) -> None:
+        """Keep one tick, (all columns of the system,)."""
+        signals.take(self._index, out=self._rows[self.ticks], mode="clip")
+        self.ticks += 1
+
+    def relieve(self) -> None:
+        """Nothing is held back."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(n,) instants of the samples [s]."""
+        return np.asarray(np.arange(self.ticks) * self.facts["step"])
+
+    def signals(self, name: str) -> FloatArray:
+        """(n,) a signal by name."""
+        return np.ascontiguousarray(self._values[: self.ticks, self._at[name]])
+
+    def role(self, role: str) -> FloatArray | None:
+        """(n, columns) signals that play a role; None without one."""
+        names = self.facts["roles"].get(role)
+        if not names:
+            return None
+        return np.column_stack([self._values[: self.ticks, self._at[name]] for name in names])
+
+    def metrics(self) -> dict[str, Metric]:
+        """Figures of merit by name, those of `harness.result.Result` that are not of the clock."""
+        found = metrics_of_result(self)
+        return found | {k: v for each in consistency_of(self) for k, v in each.metrics().items()}
