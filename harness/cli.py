@@ -106,6 +106,9 @@ def run(
         bool | None, typer.Option(help="Write the HTML report; if left out, not of variants.")
     ] = None,
     json: Annotated[Path | None, typer.Option(help="Write what variants reach as JSON.")] = None,
+    fuse: Annotated[
+        bool, typer.Option("--fuse", help="Run the models as one native FMU: same numbers, faster.")
+    ] = False,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
     """Run a scenario: build what is missing, record, measure, report; compare its variants."""
@@ -141,6 +144,7 @@ def run(
                     out=out / "-".join(words) if out and len(todo) > 1 else out,
                     csv=csv,
                     report=each is None if report is None else report,
+                    fuse=fuse,
                     status=display.status if each is None else lambda _: None,
                     progress=progress,
                 )
@@ -185,18 +189,46 @@ def build(
             " aarch64-darwin, or all; this one by default."
         ),
     ] = None,
+    container: Annotated[
+        str | None,
+        typer.Option(metavar="SCENARIO", help="Fuse a scenario's parts and wires into one FMU."),
+    ] = None,
+    parts: Annotated[
+        str | None, typer.Option(help="Parts to fuse, a,b,c; all of the scenario by default.")
+    ] = None,
+    name: Annotated[
+        str | None, typer.Option(help="Name of the fused FMU; SCENARIO_PARTS by default.")
+    ] = None,
+    override: _Overrides = None,
 ) -> None:
-    """Build FMUs from the models."""
+    """Build FMUs from the models, or one FMU from several of a scenario's parts."""
     from fmu_src import pack
+    from harness.errors import SteadytipError
 
-    paths = pack.build(
-        models or None,
-        flavour,
-        out,
-        progress=lambda name: _console.print(f"building {name}", style="dim", highlight=False),
-        targets=target,
-    )
-    for path in paths.values():
+    def progress(text: str) -> None:
+        _console.print(f"building {text}", style="dim", highlight=False)
+
+    if container is None:
+        if parts or name or override:
+            raise SteadytipError(
+                "--parts, --name and --set are for a container: --container SCENARIO"
+            )
+        paths = [*pack.build(models or None, flavour, out, progress, target).values()]
+    else:
+        if models or flavour != "native":
+            raise SteadytipError(
+                f"--container {container} fuses parts of a scenario into a native FMU: choose them"
+                " by --parts, and leave models and --flavour out"
+            )
+        from harness import fused
+        from harness.scenario import load
+        from harness.settings import overrides
+        from harness.system import assemble
+
+        system = assemble(load(container, overrides(override, None, None)))
+        wanted = parts.replace(" ", "").split(",") if parts else None
+        paths = [fused.build(system, wanted, name, out, target, progress)]
+    for path in paths:
         _console.print(str(path), highlight=False, soft_wrap=True)
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import contextlib
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from harness.errors import FaultError, PartError
 from harness.loop import Loop, Moment, Outcome, Progress
@@ -25,13 +25,20 @@ def adjust(system: System, events: Sequence[Event]) -> None:
     Raises:
         PartError: a part refuses.
     """
+    values: dict[str, dict[str, Any]] = {}
     for event in events:
-        part = system.parts[event.part]
+        for name, value in event.values.items():
+            place, variable = system.place(event.part, name)
+            part = system.parts[place]
+            assert isinstance(part, Adjustable)
+            values.setdefault(place, {})[variable] = value
+    for place, changes in values.items():
+        part = system.parts[place]
         assert isinstance(part, Adjustable)
         try:
-            part.adjust(event.values)
+            part.adjust(changes)
         except FaultError as error:
-            t = event.tick * system.scenario.step
+            t = events[0].tick * system.scenario.step
             text = f"part '{part.name}' ended the run at t = {t:.6g} s: {error}"
             raise PartError(part.name, t, text) from None
 

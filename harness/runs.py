@@ -61,6 +61,7 @@ def run(
     out: str | os.PathLike[str] | None = None,
     csv: bool = False,
     report: bool = True,
+    fuse: bool = False,
     status: Callable[[str], None] = lambda _: None,
     progress: Progress = lambda _done, _seconds: None,
 ) -> Result:
@@ -74,6 +75,7 @@ def run(
         out: folder for the results; by default `build/runs/SCENARIO[-VARIANT][-RECORDING]`.
         csv: write the signals as CSV, too.
         report: write `report.html`.
+        fuse: run what can be fused as one FMU; see `harness.fused`.
         status: told in a few words what is being done.
         progress: told simulated time done and in all [s], some times a second.
 
@@ -89,6 +91,10 @@ def run(
             f"{', '.join(on_bus)} in {checked.name} is on a CAN bus, which keeps to the wall "
             f"clock: steadytip hil {checked.name}"
         )
+    if fuse:
+        from harness import fused
+
+        system = fused.fuse(system, lambda name: status(f"building {name}"))
     folder = Path(out) if out is not None else default_folder(system)
     return perform(system, folder, csv=csv, report=report, status=status, progress=progress)
 
@@ -189,6 +195,8 @@ def default_folder(system: System) -> Path:
 
 def facts_of(system: System) -> dict[str, Any]:
     """What has to be known to repeat a run and to read its results; JSON types only."""
+    if system.apart is not None:
+        return {**facts_of(system.apart), "fused": True}
     scenario = system.scenario
     return {
         "scenario": scenario.name,

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import Any
@@ -57,6 +57,8 @@ class System:
         steps: number of ticks.
         notes: what the user should know before the run.
         events: what happens in the middle of it.
+        names: of recorded columns that are not called after their part and port, by those.
+        apart: the same before parts of it were fused into a container; None if none were.
     """
 
     scenario: Scenario
@@ -68,12 +70,28 @@ class System:
     steps: int
     notes: tuple[str, ...]
     events: tuple[Event, ...] = ()
+    names: Mapping[str, str] = field(default_factory=dict)
+    apart: System | None = None
+
+    def place(self, part: str, name: str) -> tuple[str, str]:
+        """Where a variable of a part is: part and variable, those of a container if it is fused."""
+        if part in self.parts:
+            return part, name
+        assert self.apart is not None
+        (container,) = (each for each in self.parts if each not in self.apart.parts)
+        port = any(each.name == name for each in self.apart.parts[part].inputs)
+        return container, f"{part}_{name}" if port else f"{part}.{name}"
 
     @property
     def columns(self) -> list[Column]:
         """All outputs in the order of the parts."""
         return [
-            Column(f"{name}.{port.name}", port.type, port.unit_name, port.description)
+            Column(
+                self.names.get(f"{name}.{port.name}", f"{name}.{port.name}"),
+                port.type,
+                port.unit_name,
+                port.description,
+            )
             for name, part in self.parts.items()
             for port in part.outputs
         ]

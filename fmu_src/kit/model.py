@@ -50,6 +50,7 @@ class Model:
             models that solve equations, or skip work at most samples.
         answer: `answer(p, u, x, T)`, or with `derived=`, the outputs of a sample alone: for models
             whose step, taken whole, makes much of its derivative that no output needs.
+        derivatives: whether the native FMU gives directional derivatives.
     """
 
     name: str
@@ -64,6 +65,7 @@ class Model:
     draws: int = 0
     matrix: bool = False
     answer: Callable[..., Outputs] | None = None
+    derivatives: bool = True
 
     @property
     def documentation(self) -> str:
@@ -79,6 +81,24 @@ class Model:
         """How many operations one of the recorded functions has, and whether of whole matrices."""
         kind = "matrix operations" if self.matrix else "operations"
         return f"{function.n_instructions()} {kind}"
+
+    @property
+    def starts_apart(self) -> bool:
+        """Whether what initialisation shows is anything else than a step."""
+        return False
+
+    @property
+    def latches(self) -> list[tuple[int, int]]:
+        """Places of outputs and of the states that take their values when initialisation ends."""
+        return []
+
+    @property
+    def streams(self) -> list[tuple[int, int]]:
+        """Where the draws of a sample come from: place of the seed among parameters, how many."""
+        if not self.draws:
+            return []
+        names = [scalar.name for scalar in self.parameters.scalars()]
+        return [(names.index("seed"), self.draws)]
 
     @property
     def _symbol(self) -> Any:
@@ -109,6 +129,11 @@ class Model:
         columns = [following.pack(), out.pack()]
         names = [*"pdux", "r"]
         return ca.Function("step", [p, d, u, x, r], columns, names, ["x_next", "y"], {"cse": True})
+
+    @property
+    def start_function(self) -> ca.Function:
+        """What initialisation shows, with the arguments and results of a step."""
+        return self.step_function
 
     @cached_property
     def slope_function(self) -> ca.Function:

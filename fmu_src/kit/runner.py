@@ -32,8 +32,8 @@ class Runner:
         self.d = np.array(model.derive_function(self.p)).ravel()
         self.x = model.state.starts()
         self.samples = 0
-        names = [scalar.name for scalar in model.parameters.scalars()]
-        self._seed = int(self.p[names.index("seed")]) if model.draws else 0
+        self.initial = np.empty(0)
+        """Stacked outputs that initialisation shows, after the first `run`."""
 
     def run(self, samples: int, inputs: Mapping[str, Any] | None = None) -> dict[str, np.ndarray]:
         """Run some samples and return every output.
@@ -52,14 +52,27 @@ class Runner:
         table = np.tile(self.model.inputs.starts(), (samples, 1))
         for name, value in (inputs or {}).items():
             _assign(table, self.model.inputs, name, value)
-        draws = uniforms(self._seed, self.samples, samples, self.model.draws)
+        streams = [
+            uniforms(int(self.p[seed]), self.samples, samples, count)
+            for seed, count in self.model.streams
+        ]
 
+        draws = np.hstack([np.empty((samples, 0)), *streams])
+        if not self.samples and samples:
+            self._initialise(table[0], draws[0])
         results = self._evaluated(table, draws)
         self.samples += samples
         return {
             name: _unstack(results[:, place], field)
             for name, field, place in _places(self.model.outputs)
         }
+
+    def _initialise(self, u: np.ndarray, r: np.ndarray) -> None:
+        """Outputs before the first step, and the states that they are put into."""
+        start: Any = self.model.start_function
+        self.initial = np.array(start(self.p, self.d, u, self.x, r)[1]).ravel()
+        for output, state in self.model.latches:
+            self.x[state] = self.initial[output]
 
     def _evaluated(self, table: np.ndarray, draws: np.ndarray) -> np.ndarray:
         """Stacked outputs of every sample, from stacked inputs and draws; moves the state on."""

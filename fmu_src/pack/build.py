@@ -8,7 +8,7 @@ import pkgutil
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator
 from contextlib import contextmanager
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
 
 import fmu_src
@@ -87,19 +87,45 @@ def build(
     folder = out or _BUILD / "fmus" / flavour
     wanted = model_names() if names is None else names
     platforms = native.chosen(targets) if flavour == "native" else []
-    return {name: _build_one(name, flavour, platforms, folder, progress) for name in wanted}
+    return {
+        name: build_file(
+            folder / f"{name}.fmu", partial(load_model, name), flavour, platforms, progress
+        )
+        for name in wanted
+    }
 
 
-def _build_one(
-    name: str, flavour: str, platforms: list[str], folder: Path, progress: Callable[[str], None]
+def build_file(
+    path: Path,
+    load: Callable[[], Model],
+    flavour: str,
+    platforms: list[str],
+    progress: Callable[[str], None],
+    plan: str = "",
 ) -> Path:
-    path = folder / f"{name}.fmu"
+    """Build one FMU, if it is missing or older than its content.
+
+    Args:
+        path: of the FMU.
+        load: gives the model; called only when something has changed.
+        flavour: `native` or `python`.
+        platforms: of a native FMU, by folder name.
+        progress: called with the model's name before it is built.
+        plan: digest of what the model is made of, beside the sources.
+
+    Returns:
+        The path.
+
+    Raises:
+        SteadytipError: what `load` raises, or a compiler that refuses.
+    """
+    everything = _SOURCES + plan
     sources, _, _, enough = _known(path, platforms)
-    if sources == _SOURCES and enough:
+    if sources == everything and enough:
         return path
-    folder.mkdir(parents=True, exist_ok=True)
+    path.parent.mkdir(parents=True, exist_ok=True)
     with _alone(path.with_suffix(".lock")):
-        return _build_alone(name, flavour, platforms, path, progress)
+        return _build_alone(path, load, flavour, platforms, progress, everything)
 
 
 def _known(path: Path, platforms: list[str]) -> tuple[str, str, str, bool]:
@@ -123,26 +149,31 @@ def _alone(lock: Path) -> Iterator[None]:
 
 
 def _build_alone(
-    name: str, flavour: str, platforms: list[str], path: Path, progress: Callable[[str], None]
+    path: Path,
+    load: Callable[[], Model],
+    flavour: str,
+    platforms: list[str],
+    progress: Callable[[str], None],
+    everything: str,
 ) -> Path:
     from fmu_src.pack import csource, description, documents, python_flavour
 
     sources, packing, built, enough = _known(path, platforms)
-    if sources == _SOURCES and enough:
+    if sources == everything and enough:
         return path
-    model = load_model(name)
+    model = load()
     guid = description.content_guid(model, csource.sources(model, ""))
     # What makes an FMU of a model, beside the model: this package and the tools it calls.
     wanted = _digest((importlib.import_module("fmu_src.pack"),), guid)
     if packing != wanted or not enough:
-        progress(name)
+        progress(model.name)
         if flavour == "python":
             files = python_flavour.files(model, guid)
         else:
             files = native.files(model, guid, platforms, _BUILD / "c")
         archive.write(path, {**files, **documents.files(model, flavour)})
         built = ",".join(platforms or ["any"])
-    path.with_suffix(".stamp").write_text(f"{_SOURCES} {wanted} {built}", encoding="utf-8")
+    path.with_suffix(".stamp").write_text(f"{everything} {wanted} {built}", encoding="utf-8")
     return path
 
 

@@ -7,16 +7,19 @@ import math
 import re
 import tempfile
 from collections import Counter
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from functools import cache, partial
+from itertools import groupby
 from pathlib import Path
 from typing import Any
 
 import casadi as ca
 
 from fmu_src.kit import Model
+from fmu_src.kit.container import Container
 from fmu_src.kit.model import symbols_in
 from fmu_src.kit.records import Field, Scalar
+from fmu_src.pack import wiring
 
 ENTRY = "fmu.c"
 SINGLE_PRECISION = "STEADYTIP_FLOAT"
@@ -44,6 +47,8 @@ _HEAD = re.compile(r"^(.*\(const casadi_real\*\* arg, casadi_real\*\* res, .*\) 
 _UNUSED = "  (void)arg; (void)res; (void)iw; (void)w; (void)mem;\n"
 
 
+LONG_SPAN = 8
+"""Values without limits in a row that are looked at together."""
 LONG_SLOPE = 100_000
 """Characters of C beyond which a slope is compiled as it is written."""
 _OPTIMISE = """
@@ -59,15 +64,20 @@ def shell() -> str:
     return (Path(__file__).parent / "shell.c").read_text(encoding="utf-8")
 
 
-@cache
 def _called(model: Model) -> dict[str, ca.Function]:
-    """What the shell calls, under the names that it has in C."""
+    """What CasADi writes, under the names that it has in C; of a container, what its members do."""
+    if not isinstance(model, Container):
+        return _recorded(model, model.derivatives)
+    return {n: f for m in model.members for n, f in _recorded(m.model, False).items()}
+
+
+@cache
+def _recorded(model: Model, slope: bool) -> dict[str, ca.Function]:
     found = {}
-    for name, function in (
-        ("step", model.step_function),
-        ("derive", model.derive_function),
-        ("slope", model.slope_function),
-    ):
+    recorded = {"step": model.step_function, "derive": model.derive_function}
+    if slope:
+        recorded["slope"] = model.slope_function
+    for name, function in recorded.items():
         # Never plain `step`: glibc exports a function of that name.
         called = f"{model.name}_{name}"
         arguments = symbols_in(function)
@@ -95,7 +105,10 @@ def functions(model: Model) -> str:
     # Some patterns name others, as a macro; what nothing names goes.
     while (short := _PATTERN.sub(partial(_named, Counter(_NAME.findall(text))), text)) != text:
         text = short
-    text = _quick_to_compile(text, list(called))
+    if model.derivatives:
+        text = _quick_to_compile(text, list(called))
+    if isinstance(model, Container):
+        text += wiring.wiring(model, work_sizes(model))
     counts = [f" * {name}: {f.n_instructions()} operations" for name, f in called.items()]
     title = "/* Generated from the recorded model; do not edit."
     return "\n".join([title, *counts, " */", text])
@@ -123,8 +136,35 @@ def _kept(found: re.Match[str], names: Collection[str]) -> str:
     return found[0].replace("CASADI_SYMBOL_EXPORT", "static") if found[1] in names else ""
 
 
-def _is_loose(field: Field) -> bool:
-    return not field.listed and field.min == -math.inf and field.max == math.inf
+def work_sizes(model: Model) -> dict[str, int]:
+    """Sizes of the arrays that every function CasADi writes for a model can work with."""
+    called = _called(model).values()
+    return {
+        "SZ_ARG": max(f.sz_arg() for f in called),
+        "SZ_RES": max(f.sz_res() for f in called),
+        "SZ_IW": max(f.sz_iw() for f in called),
+        "SZ_W": max(f.sz_w() for f in called),
+    }
+
+
+def _spans(fields: list[Field], first: int) -> list[tuple[int, int, int]]:
+    """Runs of values that have limits (0) and long ones of values that have none (1)."""
+    found: list[tuple[int, int, int]] = []
+    at = first
+    for free, run in groupby(field.min == -math.inf and field.max == math.inf for field in fields):
+        end = at + len(list(run))
+        loose = int(free and end - at >= LONG_SPAN)
+        if found and found[-1][2] == loose == 0:
+            found[-1] = (found[-1][0], end, 0)
+        else:
+            found.append((at, end, loose))
+        at = end
+    return found
+
+
+def _pairs(name: str, pairs: Sequence[tuple[int, int]]) -> str:
+    rows = ", ".join(f"{{{a}, {b}}}" for a, b in [*pairs, (0, 0)])
+    return f"static const int {name}[][2] = {{{rows}}};"
 
 
 def header(model: Model, guid: str) -> str:
@@ -136,18 +176,14 @@ def header(model: Model, guid: str) -> str:
             "PDUYX", ("parameter", "calculatedParameter", "input", "output", "local"), strict=True
         )
     }
-    called = _called(model).values()
-    work = {
-        "SZ_ARG": max(f.sz_arg() for f in called),
-        "SZ_RES": max(f.sz_res() for f in called),
-        "SZ_IW": max(f.sz_iw() for f in called),
-        "SZ_W": max(f.sz_w() for f in called),
-    }
-    names = [scalar.name for scalar in groups["parameter"]]
+    work = work_sizes(model)
+    if isinstance(model, Container):
+        work = wiring.sizes(model, work)
     every = [scalar.field for group in groups.values() for scalar in group]
-    loose = len(every)  # from here on there is only memory that nobody sees, without limits
-    while loose and _is_loose(every[loose - 1]):
-        loose -= 1
+    first = len(every) - sizes["Y"] - sizes["X"]
+    spans = _spans(every[first:], first)
+    start = "start" if model.starts_apart else "step"
+    latches = model.latches
     lines = [
         "/* Generated from the model's records; do not edit. */",
         "#include <float.h>",
@@ -155,11 +191,13 @@ def header(model: Model, guid: str) -> str:
         f"#define MODEL_PERIOD {model.sample_period!r}",
         f"#define MODEL_STEP {model.name}_step",
         f"#define MODEL_DERIVE {model.name}_derive",
-        f"#define MODEL_SLOPE {model.name}_slope",
+        f"#define MODEL_START {model.name}_{start}",
+        *([f"#define MODEL_SLOPE {model.name}_slope"] if model.derivatives else []),
         *(f"#define N_{letter} {size}" for letter, size in sizes.items()),
         f"#define N_R {model.draws}",
-        f"#define AT_LOOSE {loose}",
-        *([f"#define AT_SEED {names.index('seed')}"] if model.draws else []),
+        f"#define N_STREAMS {len(model.streams)}",
+        f"#define N_SPANS {len(spans)}",
+        f"#define N_LATCHES {len(latches)}",
         *(f"#define {name} {size}" for name, size in work.items()),
         "typedef enum { REAL, INTEGER, BOOLEAN, STRING } Type;",
         "typedef struct {",
@@ -173,6 +211,15 @@ def header(model: Model, guid: str) -> str:
         *(_row(scalar) for group in groups.values() for scalar in group),
         '    {"", "", STRING, 0, 0, 0, 0, ""}',
         "};",
+        "/* Where the seed of a stream of draws lies, and how many it gives a sample. */",
+        _pairs("STREAM", model.streams),
+        "/* Runs of computed values that are looked at one by one, or together. */",
+        "static const struct { int from, to, loose; } SPAN[N_SPANS + 1] = {",
+        *(f"    {{{', '.join(map(str, span))}}}," for span in spans),
+        "    {0, 0, 0}",
+        "};",
+        "/* Outputs and the states that they are put into when initialisation ends. */",
+        _pairs("LATCH", latches),
     ]
     return "\n".join(lines) + "\n"
 

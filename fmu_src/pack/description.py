@@ -107,7 +107,12 @@ def content_guid(model: Model, texts: Mapping[str, str]) -> str:
 
 def _units(root: etree._Element, model: Model) -> None:
     used = sorted(
-        {s.field.unit for group in model.variables.values() for s in group if s.field.unit}
+        {
+            scalar.field.unit
+            for group in model.variables.values()
+            for scalar in group
+            if scalar.field.listed and scalar.field.unit
+        }
     )
     if not used:
         return
@@ -175,9 +180,8 @@ def _structure(root: etree._Element, model: Model) -> None:
     of_parameters = _rows(model.step_function.jac_sparsity(1, 0), 1)
     through_derived = _rows(model.step_function.jac_sparsity(1, 1), first_derived)
     derived_of = _rows(model.derive_function.jac_sparsity(0, 0), 1)
-    of_draws = _rows(model.step_function.jac_sparsity(1, 4), 1)
-    names = [scalar.name for scalar in groups["parameter"]]
-    seed = {names.index("seed") + 1} if model.draws else set()
+    of_draws = _rows(model.step_function.jac_sparsity(1, 4), 0)
+    seeds = [seed + 1 for seed, count in model.streams for _ in range(count)]
 
     structure = etree.SubElement(root, "ModelStructure")
     if groups["output"]:
@@ -191,7 +195,7 @@ def _structure(root: etree._Element, model: Model) -> None:
         for row in range(len(groups["output"])):
             indirect = {p for d in through_derived[row] for p in derived_of[d - first_derived]}
             known = {*of_inputs[row], *of_parameters[row], *indirect}
-            known |= seed if of_draws[row] else set()
+            known |= {seeds[draw] for draw in of_draws[row]}
             _unknown(initial, first_output + row, sorted(known))
 
 

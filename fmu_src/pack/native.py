@@ -101,7 +101,7 @@ def files(model: Model, guid: str, targets: Sequence[str], cache: Path) -> dict[
     texts = csource.sources(model, guid)
     capabilities = {
         "canNotUseMemoryManagementFunctions": "true",
-        "providesDirectionalDerivative": "true",
+        "providesDirectionalDerivative": str(model.derivatives).lower(),
     }
     found = {"modelDescription.xml": describe(model, guid, capabilities, [csource.ENTRY])}
     found |= {f"sources/{name}": text.encode() for name, text in texts.items()}

@@ -14,6 +14,7 @@ from markupsafe import Markup
 
 from fmu_src import __version__
 from fmu_src.kit import Model, Record
+from fmu_src.kit.container import Container
 from fmu_src.pack import icon, reference, response, tables
 from fmu_src.pack.description import COPYRIGHT, LICENSE
 
@@ -50,14 +51,14 @@ def html(model: Model, flavour: str) -> str:
         groups=[
             (title, tuple(tables.rows(record, prefix))) for title, record, prefix in _groups(model)
         ],
-        responses=_responses(model),
+        responses=None if isinstance(model, Container) else _responses(model),
         papers=[(key, name) for key, name in PAPERS.items() if re.search(rf"\b{key}\b", text)],
         milliseconds=f"{model.sample_period * 1e3:g}",
         step_count=model.operations(model.step_function),
         derive_count=derive_count,
         values=sum(map(len, model.variables.values())),
         stimulated=bool(model.variables["input"]),
-        source=tables.source(model),
+        source="" if isinstance(model, Container) else tables.source(model),
         reference=reference,
         response=response,
         icon=base64.b64encode(icon.png()).decode(),
@@ -154,13 +155,15 @@ _PAGE = """\
 {%- if derive_count %}, {{ derive_count }} more when a parameter changes{% endif %}</dd>
 <dt>Memory</dt><dd>{{ values }} values, {{ model.state.size() }} of them state</dd>
 <dt>Randomness</dt><dd>{% if model.draws %}{{ model.draws }} draws a sample, fixed by
-<code>seed</code>{% else %}none{% endif %}</dd>
+{{ "its" if source else "its members'" }} <code>seed</code>{% else %}none{% endif %}</dd>
+{%- if source %}
 <dt>Written in</dt><dd><code>{{ source }}</code></dd>
+{%- endif %}
 </dl>
 <p>The time that a sample takes is the machine's: <code>make bench</code> in the source tree
 measures it.</p>
 
-<h2>What it does</h2>
+<h2>{{ "What it does" if source else "What is inside" }}</h2>
 {{ text }}
 <h2>Ports and parameters</h2>
 <p>SI units throughout. A field with a shape is one row: on ports its elements are
@@ -181,6 +184,7 @@ several elements is written once, with their number.</p>
 {%- endfor %}
 </tbody></table></div>
 {%- endfor %}
+{%- if responses is not none %}
 
 <h2>Response at {{ "%g" | format(reference.TONE) }} Hz</h2>
 {%- if responses %}
@@ -205,6 +209,7 @@ between equal samples: who sets inputs and reads outputs once a step sees one st
 {%- else %}
 <p>No output answers a tone at one input with a tone: parameters at their starts, inputs at
 rest.</p>
+{%- endif %}
 {%- endif %}
 
 <h2>How it behaves in a simulation</h2>

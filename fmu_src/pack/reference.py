@@ -11,7 +11,7 @@ are those of the FMI cross-check (rules 4.1), named by a manifest of the layered
 | u[k] | input of sample k, set at k T; a row of the inputs is held for EVERY samples |
 | y[k] | outputs of sample k: read after the step from k T to (k+1) T, hence the row of (k+1) T |
 
-Row 0 holds what initialisation mode shows, which is y[0], too.
+Row 0 holds what initialisation mode shows: y[0], too, but for a container.
 """
 
 from functools import cache
@@ -92,18 +92,23 @@ def compared(model: Model) -> list[str]:
     return [scalars[place].name for place in sorted(first)]
 
 
-def outputs(model: Model, u: np.ndarray) -> np.ndarray:
-    """Outputs of a run from the start values, shape (samples, outputs).
+def outputs(model: Model, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Outputs of a run from the start values.
 
     Args:
         model: what to run.
         u: inputs of each sample, shape (samples, inputs).
+
+    Returns:
+        What initialisation shows, shape (outputs,), and the run, shape (samples, outputs).
     """
     names = [scalar.name for scalar in model.variables["input"]]
-    run = Runner(model).run(len(u), {name: u[:, place] for place, name in enumerate(names)})
+    runner = Runner(model)
+    run = runner.run(len(u), {name: u[:, place] for place, name in enumerate(names)})
     # Outputs are scalars or columns; a matrix would have to be stacked by columns.
     # Ports of a matrix go by columns.
-    return np.column_stack([values.T.reshape(-1, len(u)).T for values in run.values()])
+    y = np.column_stack([values.T.reshape(-1, len(u)).T for values in run.values()])
+    return runner.initial, y
 
 
 @cache
@@ -111,11 +116,11 @@ def files(model: Model) -> dict[str, bytes]:
     """Every file of the reference, by its path in the FMU."""
     u = stimulus(model)
     inputs = [scalar.name for scalar in model.variables["input"]]
-    y = outputs(model, np.repeat(u[:-1], EVERY, axis=0))
+    initial, y = outputs(model, np.repeat(u[:-1], EVERY, axis=0))
     names = compared(model)
     every_name = [scalar.name for scalar in model.variables["output"]]
-    columns = y[:, [every_name.index(name) for name in names]]
-    rows = np.vstack([columns[:1], columns])[::EVERY]
+    columns = [every_name.index(name) for name in names]
+    rows = np.vstack([initial, y])[::EVERY, columns]
 
     stop = DEFAULT_SAMPLES * model.sample_period
     settings = {

@@ -106,7 +106,8 @@ def _at_tone(model: Model, scalar: Scalar, frequency: float) -> np.ndarray:
     u[:, place] = centre + a * np.sin(2 * np.pi * frequency * t)
     real = [s.field.kind == "Real" for s in model.variables["output"]]
     last = round(WINDOW / T)
-    y = reference.outputs(model, u)[-last:, real]
+    _, y = reference.outputs(model, u)
+    y = y[-last:, real]
     y = y - y.mean(axis=0)
     turning = np.exp(-1j * (2 * np.pi * frequency * t[-last:] - np.pi / 2))
     amplitude = 2 / last * (turning @ y)

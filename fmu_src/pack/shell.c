@@ -3,7 +3,8 @@
  * model.h (generated) declares the variables and sizes; functions.c (generated) holds
  *     <Model>_derive(p) -> d               when parameters change
  *     <Model>_step(p, d, u, x, r) -> x', y at every sample instant
- *     <Model>_slope(p, d, u, x, r, du) -> dy
+ *     <Model>_start(p, d, u, x, r) -> x', y before the first one, where that is not a step
+ *     <Model>_slope(p, d, u, x, r, du) -> dy, where the model gives derivatives
  * in the type Real, which is double, or float with STEADYTIP_FLOAT (then seeds are exact up to 2^24).
  * This file owns everything else: the clock, limits, states, messages.
  *
@@ -98,7 +99,7 @@ typedef struct {
     char *name;
     fmi2Boolean logging;
     Memory now;
-    Real x_next[N_X + 1], y_next[N_Y + 1], draws[N_R + 1], du[N_U + 1], work[SZ_W + 1];
+    Real y_next[N_Y + N_X + 1], draws[N_R + 1], du[N_U + 1], work[SZ_W + 1];
     int iwork[SZ_IW + 1];
     char text[TEXT];
     size_t length;
@@ -269,21 +270,21 @@ static void philox(uint64_t counter, uint64_t seed, uint64_t word[4]) {
 #endif
 
 static void draw(Instance *c) {
-#if N_R > 0
-    uint64_t word[4], first = c->now.samples * N_R, block = UINT64_MAX;
-    int j;
-    for (j = 0; j < N_R; j++) {
-        uint64_t at = first + (uint64_t)j;
-        if (at / 4 != block) {
-            block = at / 4;
-            philox(block + 1, (uint64_t)c->now.value[AT_SEED], word); /* NumPy counts from 1 */
+    Real *into = c->draws;
+    int stream, j;
+    for (stream = 0; stream < N_STREAMS; stream++) {
+        const uint64_t seed = (uint64_t)c->now.value[STREAM[stream][0]];
+        const int count = STREAM[stream][1];
+        uint64_t word[4], first = c->now.samples * (uint64_t)count, block = UINT64_MAX;
+        for (j = 0; j < count; j++) {
+            uint64_t at = first + (uint64_t)j;
+            if (at / 4 != block) {
+                block = at / 4;
+                philox(block + 1, seed, word); /* NumPy counts from 1 */
+            }
+            *into++ = ((Real)(word[at % 4] >> (64 - DRAW_BITS)) + (Real)0.5) / DRAW_RANGE;
         }
-        c->draws[j] = ((Real)(word[at % 4] >> (64 - DRAW_BITS)) + (Real)0.5) / DRAW_RANGE;
     }
-#else
-    (void)c;
-    (void)philox;
-#endif
 }
 
 /* ---- The model -------------------------------------------------------------------------------- */
@@ -342,29 +343,34 @@ static int all_finite(const Real *x, int n) {
     return sum[0] + sum[1] + sum[2] + sum[3] == 0;
 }
 
-/* One sample into x_next, y_next; the instance itself is not changed. */
-static fmi2Status sample(Instance *c, const char *where) {
-    const Real *arg[SZ_ARG + 1];
+/* One sample into y_next and x_next, which follow each other as AT_Y and AT_X do; the instance
+ * itself is not changed. */
+static fmi2Status sample(Instance *c, const char *where, int starting) {
+    const Real *arg[SZ_ARG + 1], *computed = c->y_next;
     Real *res[SZ_RES + 1];
-    int i, last;
+    int i, span;
     lay_out(c, arg);
-    res[0] = c->x_next;
+    res[0] = c->y_next + N_Y;
     res[1] = c->y_next;
-    MODEL_STEP(arg, res, c->iwork, c->work, 0);
-    /* Memory without limits at the end is looked at one by one only where something is wrong. */
-    last = all_finite(c->x_next + (AT_LOOSE - AT_X), N_VALUES - AT_LOOSE) ? AT_LOOSE : N_VALUES;
-    for (i = AT_Y; i < last; i++) {
-        Real value = i < AT_X ? c->y_next[i - AT_Y] : c->x_next[i - AT_X];
-        if (!within(&VARIABLE[i], value)) {
-            begin(c, where);
-            say(c, VARIABLE[i].name);
-            say(c, " became ");
-            say_number(c, value);
-            say(c, " at t = ");
-            say_number(c, c->now.start + (double)c->now.samples * MODEL_PERIOD);
-            say(c, " s, it");
-            say_bounds(c, &VARIABLE[i]);
-            return fail(c, fmi2Error);
+    if (starting) MODEL_START(arg, res, c->iwork, c->work, 0);
+    else MODEL_STEP(arg, res, c->iwork, c->work, 0);
+    computed -= AT_Y;
+    for (span = 0; span < N_SPANS; span++) {
+        const int from = SPAN[span].from, to = SPAN[span].to;
+        /* Values without limits are looked at one by one only where something is wrong. */
+        if (SPAN[span].loose && all_finite(computed + from, to - from)) continue;
+        for (i = from; i < to; i++) {
+            if (!within(&VARIABLE[i], computed[i])) {
+                begin(c, where);
+                say(c, VARIABLE[i].name);
+                say(c, " became ");
+                say_number(c, computed[i]);
+                say(c, " at t = ");
+                say_number(c, c->now.start + (double)c->now.samples * MODEL_PERIOD);
+                say(c, " s, it");
+                say_bounds(c, &VARIABLE[i]);
+                return fail(c, fmi2Error);
+            }
         }
     }
     return fmi2OK;
@@ -373,7 +379,7 @@ static fmi2Status sample(Instance *c, const char *where) {
 /* Outputs and derived parameters as they stand before the first step. */
 static fmi2Status initialise(Instance *c, const char *where) {
     if (!c->now.stale) return fmi2OK;
-    if (derive(c, where) != fmi2OK || sample(c, where) != fmi2OK) return fmi2Error;
+    if (derive(c, where) != fmi2OK || sample(c, where, 1) != fmi2OK) return fmi2Error;
     memcpy(c->now.value + AT_Y, c->y_next, N_Y * sizeof(Real));
     return fmi2OK;
 }
@@ -483,8 +489,12 @@ EXPORT fmi2Status FMI2(fmi2EnterInitializationMode)(fmi2Component component) {
 
 EXPORT fmi2Status FMI2(fmi2ExitInitializationMode)(fmi2Component component) {
     Instance *c = component;
+    int i;
     if (!legal(c, "fmi2ExitInitializationMode", INITIALIZATION)) return fmi2Error;
     if (initialise(c, "fmi2ExitInitializationMode") != fmi2OK) return fmi2Error;
+    for (i = 0; i < N_LATCHES; i++) {
+        c->now.value[AT_X + LATCH[i][1]] = c->now.value[AT_Y + LATCH[i][0]];
+    }
     c->now.mode = STEPPING;
     return fmi2OK;
 }
@@ -804,9 +814,8 @@ EXPORT fmi2Status FMI2(fmi2DoStep)(
     }
     if (c->now.stale && derive(c, where) != fmi2OK) return fmi2Error;
     while ((double)c->now.samples < due) {
-        if (sample(c, where) != fmi2OK) return fmi2Error;
-        memcpy(c->now.value + AT_Y, c->y_next, N_Y * sizeof(Real));
-        memcpy(c->now.value + AT_X, c->x_next, N_X * sizeof(Real));
+        if (sample(c, where, 0) != fmi2OK) return fmi2Error;
+        memcpy(c->now.value + AT_Y, c->y_next, (N_Y + N_X) * sizeof(Real));
         c->now.samples++;
     }
     c->now.time = until;
@@ -905,6 +914,16 @@ EXPORT fmi2Status FMI2(fmi2GetDirectionalDerivative)(
     fmi2Real unknown_change[]) {
     static const char where[] = "fmi2GetDirectionalDerivative";
     Instance *c = component;
+#if !defined(MODEL_SLOPE)
+    (void)unknown;
+    (void)n_unknown;
+    (void)known;
+    (void)n_known;
+    (void)known_change;
+    (void)unknown_change;
+    if (c == NULL) return fmi2Error;
+    return refuse(c, where, "providesDirectionalDerivative is false");
+#else
     const Real *arg[SZ_ARG + 1];
     Real *res[SZ_RES + 1];
     size_t i;
@@ -931,4 +950,5 @@ EXPORT fmi2Status FMI2(fmi2GetDirectionalDerivative)(
         if (!isfinite(unknown_change[i])) return refuse(c, where, "no derivative exists here");
     }
     return fmi2OK;
+#endif
 }

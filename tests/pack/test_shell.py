@@ -39,12 +39,15 @@ typedef double Real;
 #define N_Y 0
 #define N_X 0
 #define N_R 0
-#define AT_LOOSE 0
+#define N_STREAMS 0
+#define N_SPANS 0
+#define N_LATCHES 0
 #define SZ_ARG 6
 #define SZ_RES 2
 #define SZ_IW 0
 #define SZ_W 0
 #define MODEL_STEP(a, r, i, w, m) (void)(a), (void)(r)
+#define MODEL_START(a, r, i, w, m) (void)(a), (void)(r)
 #define MODEL_DERIVE(a, r, i, w, m) (void)(a), (void)(r)
 #define MODEL_SLOPE(a, r, i, w, m) (void)(a), (void)(r)
 typedef enum { REAL, INTEGER, BOOLEAN, STRING } Type;
@@ -56,6 +59,8 @@ typedef struct {
     const char *warning;
 } Variable;
 static const Variable VARIABLE[1] = {{"", "", STRING, 0, 0, 0, 0, ""}};
+static const int STREAM[1][2] = {{0, 0}}, LATCH[1][2] = {{0, 0}};
+static const struct { int from, to, loose; } SPAN[1] = {{0, 0, 0}};
 """
 
 

@@ -1,0 +1,70 @@
+"""Build the FMU of a container, only when what is in it has changed."""
+
+import hashlib
+import json
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import asdict, dataclass, field
+from pathlib import Path
+
+from fmu_src.kit.container import Container, Link, Member, contain
+from fmu_src.pack import native
+from fmu_src.pack.build import build_file, load_model
+
+
+@dataclass(frozen=True)
+class Plan:
+    """What a container is to hold, before any model is loaded.
+
+    Attributes:
+        name: of the container, a C identifier.
+        members: in run order: name of the member and of its model.
+        links: between members; see `fmu_src.kit.container.Link`.
+        sample_period: the tick [s].
+        starts: of each member, parameters that start elsewhere than the model's, by scalar names.
+    """
+
+    name: str
+    members: Sequence[tuple[str, str]]
+    links: Sequence[Link]
+    sample_period: float
+    starts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
+
+    @property
+    def digest(self) -> str:
+        """Of everything in the plan, hexadecimal."""
+        return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()
+
+    def contain(self) -> Container:
+        """The container.
+
+        Raises:
+            SteadytipError: see `fmu_src.kit.container.contain`; or no such model.
+        """
+        members = [
+            Member(name, load_model(model), self.starts.get(name, {}))
+            for name, model in self.members
+        ]
+        return contain(self.name, members, self.links, self.sample_period)
+
+
+def build_container(
+    plan: Plan,
+    path: Path,
+    targets: Collection[str] | None = None,
+    progress: Callable[[str], None] = lambda name: None,
+) -> Path:
+    """Build the container's native FMU unless it is there.
+
+    Args:
+        plan: what it is to hold.
+        path: of the FMU.
+        targets: platforms, by folder name, or `all`; this one by default.
+        progress: called with the container's name before it is built.
+
+    Returns:
+        The path.
+
+    Raises:
+        SteadytipError: see `Plan.contain`, or a compiler that refuses.
+    """
+    return build_file(path, plan.contain, "native", native.chosen(targets), progress, plan.digest)
