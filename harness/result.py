@@ -12,7 +12,15 @@ from typing import TYPE_CHECKING, Any, Protocol
 import numpy as np
 
 from harness.errors import SteadytipError, nearest
-from harness.record import METRICS, REPORT, read_facts, read_table, record_file, replacing
+from harness.record import (
+    METRICS,
+    REPORT,
+    read_facts,
+    read_table,
+    record_file,
+    replacing,
+    values_of,
+)
 from harness.system import matching
 
 if TYPE_CHECKING:
@@ -86,7 +94,7 @@ class Result:
     @cached_property
     def time(self) -> FloatArray:
         """(n,) instants of the samples [s]."""
-        return np.asarray(self.table.column("time").to_numpy())
+        return values_of(self.table.column("time"))
 
     @property
     def columns(self) -> Sequence[str]:
@@ -118,7 +126,7 @@ class Result:
         return self._columns(names) if names else None
 
     def _columns(self, names: Any) -> FloatArray:
-        return np.column_stack([self.table.column(n).to_numpy().astype(float) for n in names])
+        return np.column_stack([values_of(self.table.column(n)).astype(float) for n in names])
 
     @cached_property
     def metrics(self) -> Mapping[str, Metric]:

@@ -243,6 +243,68 @@ class Adjustable(Protocol):
         """
 
 
+@dataclass(frozen=True)
+class Access:
+    """One call of a tick that passes values of one type: `fmi2SetReal` and its kin.
+
+    Attributes:
+        function: its address.
+        references: address of the value references.
+        count: of values.
+        values: address of the values as doubles, whatever the type.
+        integers: address of C ints that Integer and Boolean pass through; 0 for Real.
+    """
+
+    function: int
+    references: int
+    count: int
+    values: int
+    integers: int
+
+
+@dataclass(frozen=True)
+class Calls:
+    """What a tick calls in an FMU: the setters, `fmi2DoStep`, the getters.
+
+    Attributes:
+        component: the FMU's own pointer.
+        set: from the `u` of `Part.start`.
+        do_step: address of the function.
+        never_returns: its last argument.
+        get: to the `y` of `Part.start`.
+        blame: told the index of a call and its status above Warning, it raises the FaultError.
+    """
+
+    component: int
+    set: tuple[Access, ...]
+    do_step: int
+    never_returns: int
+    get: tuple[Access, ...]
+    blame: Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Outputs that are known beforehand.
+
+    Attributes:
+        values: (ticks, outputs) one row for each tick; the last one stays.
+    """
+
+    values: FloatArray
+
+
+@runtime_checkable
+class Marching(Protocol):
+    """A part that perhaps goes without Python, so that many ticks are one native call."""
+
+    def march(self) -> Calls | Rows | None:
+        """Once it is started: what `advance` does, to the same bits; None if that cannot be said.
+
+        A class that changes what `advance` does has to change this, too.
+        """
+
+
 class Kind(Protocol):
     """Class of the parts of one kind.
 

@@ -14,7 +14,7 @@ import sys
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,8 @@ _PORT_TYPES: dict[str, PortType] = {
     "Boolean": "Boolean",
 }
 _XML = "modelDescription.xml"
+_KEPT = 32
+"""Descriptions that are kept."""
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -179,13 +181,23 @@ def platform_folders() -> list[str]:
 
 
 def describe(path: Path) -> Description:
-    """Read an FMU's description.
+    """Read an FMU's description; once for several parts that run the same file.
 
     Raises:
         SteadytipError: the file is missing, no FMU, broken, hostile, or not FMI 2.0 co-simulation.
     """
-    if not path.exists():
-        raise SteadytipError(f"FMU {path} does not exist")
+    try:
+        state = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise SteadytipError(f"FMU {path} does not exist") from None
+    except OSError as error:
+        raise SteadytipError(f"FMU {path} cannot be read: {error.strerror}") from None
+    # A file that is replaced or changed has another of these.
+    return _described(path, (state.st_ino, state.st_size, state.st_mtime_ns))
+
+
+@lru_cache(maxsize=_KEPT)
+def _described(path: Path, _state: tuple[int, int, int]) -> Description:
     try:
         members = archives.members(path)
         if _XML not in members:

@@ -12,7 +12,7 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 
 from fmu_src.kit import range_text
 from harness.errors import FaultError, ProblemsError, nearest
-from harness.parts import FloatArray, Port, Run, Settings, is_path
+from harness.parts import Calls, FloatArray, Port, Run, Settings, is_path
 from harness.parts.description import Description, Variable, describe
 from harness.parts.fmi import Instance
 from harness.parts.isolated import IsolatedInstance
@@ -171,6 +171,10 @@ class FmuPart:
         """See `harness.parts.Adjustable`."""
         assert isinstance(self._instance, Instance)
         self._instance.adjust(values)
+
+    def march(self) -> Calls | None:
+        """See `harness.parts.Marching`: an FMU in this process does, an isolated one does not."""
+        return self._instance.calls if isinstance(self._instance, Instance) else None
 
     def prepare_to_return(self) -> bool:
         """See `harness.parts.Restorable`: the FMU says whether it can, and not out of process."""

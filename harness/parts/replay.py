@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 
 from harness.errors import ProblemsError
-from harness.parts import FloatArray, Port, Run, Settings, Unit
+from harness.parts import FloatArray, Port, Rows, Run, Settings, Unit
 from harness.parts.recording import read_recording
 
 _DEGREE = 5
@@ -100,6 +100,10 @@ class ReplayPart:
 
     def release(self) -> None:
         """Nothing has to be freed."""
+
+    def march(self) -> Rows:
+        """See `harness.parts.Marching`."""
+        return Rows(self._values)
 
     def close(self) -> None:
         """Nothing has to be freed."""
