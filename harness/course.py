@@ -8,12 +8,11 @@ from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from harness.errors import FaultError, PartError
-from harness.loop import Loop, Moment, Outcome, Progress
+from harness.loop import Loop, Moment, Outcome, Progress, Record
 from harness.parts import Adjustable, Reusable, Run
 
 if TYPE_CHECKING:
     from harness.events import Event
-    from harness.record import Recorder
     from harness.system import System
 
 __all__ = ["keeping", "play", "proceed"]
@@ -44,7 +43,7 @@ def adjust(system: System, events: Sequence[Event]) -> None:
 def proceed(
     system: System,
     run: Run,
-    recorder: Recorder,
+    recorder: Record,
     events: Sequence[Event] = (),
     since: Moment | None = None,
     until: int | None = None,
@@ -84,7 +83,7 @@ def proceed(
 def play(
     system: System,
     run: Run,
-    recorder: Recorder,
+    recorder: Record,
     progress: Progress = lambda _done, _seconds: None,
 ) -> Outcome:
     """A whole run through all that happens; the parts are closed at its end."""

@@ -1,4 +1,4 @@
-"""A run's signals in memory, those that figures of merit are computed from, and no file."""
+"""A run's signals in memory, and no file."""
 
 from __future__ import annotations
 
@@ -9,26 +9,13 @@ import numpy as np
 
 from harness.consistency import consistency_of
 from harness.metrics import metrics_of_result
-from harness.scenario import SQUARED
-from harness.system import matching
 
 if TYPE_CHECKING:
     from harness.metrics import Metric
     from harness.parts import FloatArray
     from harness.system import System
 
-__all__ = ["Kept", "wanted"]
-
-_OF_ESTIMATORS = (SQUARED, "innovation_size", "valid", "*_sigma_?")
-
-
-def wanted(system: System) -> tuple[str, ...]:
-    """Columns that figures of merit can need: those with a role, and what estimators state."""
-    names = [column.name for column in system.columns]
-    played = [name for columns in system.roles.values() for name in columns]
-    stated = matching(names, [f"*.{port}" for port in _OF_ESTIMATORS])
-    return tuple(dict.fromkeys([*played, *stated]))
-
+__all__ = ["Kept"]
 
 class Kept:
     """Takes the signals of every tick, as `harness.record.Recorder` does; see `result.Signals`."""
@@ -41,19 +28,24 @@ class Kept:
             facts: about the run, as far as figures of merit need them.
         """
         self.facts = facts
-        self.columns: Sequence[str] = wanted(system)
-        names = [column.name for column in system.columns]
-        self._index = np.array([names.index(name) for name in self.columns], dtype=np.intp)
+        self.columns: Sequence[str] = [column.name for column in system.columns]
         self._at = {name: k for k, name in enumerate(self.columns)}
         self._values = np.zeros((system.steps, len(self.columns)))
-        self._rows = list(self._values)
         self.ticks = 0
         """Rows that are filled; a run that goes on from a tick sets it to that."""
 
     def append(self, signals: FloatArray) -> None:
-        """Keep one tick, (all columns of the system,)."""
-        signals.take(self._index, out=self._rows[self.ticks], mode="clip")
+        """Keep one tick, (columns,)."""
+        self._values[self.ticks] = signals
         self.ticks += 1
+
+    def room(self) -> FloatArray:
+        """See `harness.loop.Record`."""
+        return self._values[self.ticks :]
+
+    def took(self, rows: int) -> None:
+        """See `harness.loop.Record`."""
+        self.ticks += rows
 
     def relieve(self) -> None:
         """Nothing is held back."""

@@ -102,7 +102,7 @@ class Plan:
         self.variables = sweep.variables
         self.motions = [str(path) for path in motions]
         self.faults = sweep.faults
-        self.grid = sweep.method == "grid"
+        self.grid = sweep.design == "grid"
         lists: list[list[Any]] = [list(self.motions) or [None]]
         lists.append([None, *self.faults])
         lists.append([None] if self.seeds is None else list(self.seeds))
@@ -144,15 +144,15 @@ class Plan:
         return np.asarray(cube.random(len(self)))
 
     def _drawn(self, number: int) -> list[Any]:
-        if self.sweep.method == "latin-hypercube" and self.variables:
+        if self.sweep.design == "latin-hypercube" and self.variables:
             points = self._cube[number]
         else:
             sequence = np.random.SeedSequence(self.sweep.seed, spawn_key=(_VALUES, number))
             points = np.random.default_rng(sequence).random(len(self.variables))
         return [v.at(float(u)) for v, u in zip(self.variables.values(), points, strict=True)]
 
-    def case(self, number: int) -> Case:
-        """One run."""
+    def case(self, number: int, shared: str | None = None) -> Case:
+        """One run, and the beginning that it has in common with others, if it has."""
         if self.grid:
             chosen = _digits(number, self._lists)
             values, turns = chosen[: len(self.variables)], chosen[len(self.variables) :]
@@ -170,7 +170,7 @@ class Plan:
             if (since := self.variables[key].since) is not None
         )
         early = {key: value for key, value in both.items() if key not in late}
-        return Case(number, int(seed), drawn, early, late, changes, motion, fault)
+        return Case(number, int(seed), drawn, early, late, changes, motion, fault, shared)
 
     def cases(self) -> Iterator[Case]:
         """All runs."""

@@ -22,6 +22,7 @@ from harness.course import proceed
 from harness.errors import FaultError, ProblemsError, RunError, SteadytipError
 from harness.events import Fault, events_of
 from harness.parts import Part, Restorable, Reusable, Run
+from harness.fused import fuse
 from harness.parts.fmu import FmuPart
 from harness.scenario import Scenario, merged, nested, varied
 from harness.sweep.kept import Kept
@@ -32,12 +33,14 @@ if TYPE_CHECKING:
     from harness.metrics import Metric
     from harness.sweep.plan import Case
 
-__all__ = ["Base", "Row", "Stand", "with_places"]
+__all__ = ["FIXED", "LENGTHS", "Base", "Row", "Stand", "with_places"]
 
 _SYSTEMS = 4
 """Systems that are held ready; of one recording each, or of one value of what wires depend on."""
-_FIXED = frozenset({"flavour", "parameters", "isolate", "step_limit", "motion", "innovation_size"})
+FIXED = frozenset({"flavour", "parameters", "isolate", "step_limit", "motion", "innovation_size"})
 """Settings of an FMU part that are no start values."""
+LENGTHS = frozenset({"seconds", "settle"})
+"""What can differ without another container."""
 
 
 @dataclass(frozen=True)
@@ -47,12 +50,12 @@ class Base:
     Attributes:
         scenario: that is swept over, with the parts of all faults in their wires.
         files: what stands for the files and models that it names.
-        fuse: whether parts may be fused into one.
+        container: the system fused into one FMU; None to run its parts one by one.
     """
 
     scenario: Scenario
     files: Mapping[str, Path]
-    fuse: bool = True
+    container: Path | None = None
 
 
 @dataclass(frozen=True)
@@ -100,18 +103,24 @@ class _Beginning:
 class _Rig:
     """A system that is run again and again."""
 
-    def __init__(self, scenario: Scenario, motion: Path | None, base: Base) -> None:
+    def __init__(
+        self,
+        scenario: Scenario,
+        motion: Path | None,
+        files: Mapping[str, Path],
+        container: Path | None,
+    ) -> None:
         self.scenario = scenario
         self._room = tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True)
-        self.made = assemble(scenario, motion, files=base.files)
+        self.made = assemble(scenario, motion, files=files)
         self.tables = {
-            name: placed(scenario.parts[name], base.files)
+            name: placed(scenario.parts[name], files)
             if name in scenario.parts
             else self.made.scenario.parts[name]
             for name, part in self.made.parts.items()
             if isinstance(part, FmuPart)
         }
-        self.system = self.made
+        self.system = self.made if container is None else fuse(self.made, container=container)
         self.run = Run(scenario.step, self.made.steps, Path(self._room.name))
         facts = {
             "step": scenario.step,
@@ -128,6 +137,8 @@ class _Rig:
         self.kept = Kept(self.system, facts)
         self._beginning: _Beginning | None = None
         parts = self.system.parts.values()
+        found = [p for p in parts if isinstance(p, FmuPart) and p.name not in self.made.parts]
+        self._container = found[0] if found else None
         for part in parts:
             if isinstance(part, Reusable):
                 part.kept = True
@@ -139,6 +150,7 @@ class _Rig:
         changed = nested(light, problems).get("part", {})
         if case.fault is not None and case.fault.at == 0.0:
             changed = merged(changed, {case.fault.part: case.fault.settings})
+        fused: dict[str, Any] = {}
         for name, table in self.tables.items():
             part = self.made.parts[name]
             assert isinstance(part, FmuPart)
@@ -147,8 +159,14 @@ class _Rig:
                 part.take(settings, part_seed(case.seed, name))
             except ProblemsError as error:
                 problems += [f"{error.where}: {text}" for text in error.problems]
+            if name not in self.system.parts:
+                for key, value in part.start_values.items():
+                    if not isinstance(value, str):
+                        fused[self.system.place(name, key)[1]] = value
         if problems:
             raise ProblemsError(self.scenario.name, problems)
+        if self._container is not None:
+            self._container.start_values = fused
 
     def go(self, case: Case) -> Outcome:
         """Run, from a saved state where there is one."""
@@ -177,7 +195,7 @@ class _Rig:
         self, events: Any, since: Moment | None, until: int | None = None
     ) -> tuple[Outcome, Moment | None]:
         self.kept.ticks = since.tick if since is not None else 0
-        return proceed(self.system, self.run, self.kept, events, since, until)  # type: ignore
+        return proceed(self.system, self.run, self.kept, events, since, until)
 
     def _begun(self, key: str | None) -> _Beginning | None:
         if key is None or self._beginning is None or self._beginning.key != key:
@@ -265,7 +283,13 @@ class Stand:
             scenario = replace(varied(scenario, heavy), faults=faults, sweep=None)
         while len(self._rigs) >= _SYSTEMS:
             self._rigs.popitem(last=False)[1].close()
-        self._rigs[key] = _Rig(scenario, Path(motion) if motion else None, self._base)
+        fusable = heavy.keys() <= LENGTHS
+        self._rigs[key] = _Rig(
+            scenario,
+            Path(motion) if motion else None,
+            self._base.files,
+            self._base.container if fusable else None,
+        )
         return self._rigs[key]
 
     def _discard(self, rig: _Rig | None) -> None:
@@ -288,7 +312,7 @@ def is_start_value(scenario: Scenario, key: str) -> bool:
     table = scenario.parts.get(name)
     if head != "part" or table is None or table.kind != "fmu" or not setting:
         return False
-    return setting != "fmu" and setting not in _FIXED
+    return setting != "fmu" and setting not in FIXED
 
 
 def _hanging() -> bool:

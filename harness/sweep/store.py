@@ -22,7 +22,7 @@ from harness.record import reason
 if TYPE_CHECKING:
     from harness.sweep.stand import Row
 
-__all__ = ["JOURNAL", "PARQUET", "Store", "differences"]
+__all__ = ["JOURNAL", "PAGE", "PARQUET", "Store", "contents", "differences", "rows"]
 
 JOURNAL, PARQUET, PAGE = "sweep.jsonl", "sweep.parquet", "sweep.html"
 _FORCED = 0.5  # s between two times that lines are forced to the disk
@@ -44,12 +44,15 @@ def differences(old: Mapping[str, Any], new: Mapping[str, Any], prefix: str = ""
 class Store:
     """The journal of a sweep."""
 
-    def __init__(self, folder: Path, identity: Mapping[str, Any], fresh: bool) -> None:
+    def __init__(
+        self, folder: Path, identity: Mapping[str, Any], facts: Mapping[str, Any], fresh: bool
+    ) -> None:
         """Open the journal of an earlier start of the same sweep, or begin one.
 
         Args:
             folder: of the sweep, made if it does not exist.
             identity: what all numbers follow from, JSON types only.
+            facts: what else is to be known of the sweep, JSON types only.
             fresh: start over, whatever is there.
 
         Raises:
@@ -64,7 +67,7 @@ class Store:
         """Unit and definition of each figure of merit."""
         self._forced = time.monotonic()
         self._dirty = False
-        head = json.dumps({"sweep": identity, "format": _FORMAT})
+        head = json.dumps({"sweep": {**identity, "format": _FORMAT}, "facts": facts})
         try:
             folder.mkdir(parents=True, exist_ok=True)
             end = 0 if fresh else self._read(identity)
@@ -87,7 +90,7 @@ class Store:
         end = 0
         for line, at in _lines(self.path):
             if "sweep" in line:
-                changed = differences(line["sweep"], identity)
+                changed = differences(line["sweep"], {**identity, "format": _FORMAT})
                 if changed:
                     raise SteadytipError(
                         f"{self.path} is of another sweep; changed since: {', '.join(changed)}. "
@@ -95,13 +98,17 @@ class Store:
                     )
             elif "figure" in line:
                 self.units[line["figure"]] = {k: line[k] for k in ("unit", "definition")}
-            else:
+            elif "run" in line:
                 self.done[line["run"]] = line["status"]
             end = at
         return end
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Row, case: Mapping[str, Any]) -> None:
         """Keep a row.
+
+        Args:
+            row: what became of a run.
+            case: what the run is, by column, JSON types only.
 
         Raises:
             RecordError: the disk does not take it.
@@ -111,8 +118,8 @@ class Store:
                 if name not in self.units:
                     self.units[name] = {"unit": metric.unit, "definition": metric.definition}
                     self._write(json.dumps({"figure": name, **self.units[name]}))
-            line = {"run": row.number, "status": row.status, "wall": row.wall}
-            line |= {"error": row.error} if row.error else {}
+            line: dict[str, Any] = {"run": row.number, **case}
+            line |= {"status": row.status, "error": row.error, "wall": row.wall}
             line["metrics"] = {name: metric.value for name, metric in row.metrics.items()}
             self._write(json.dumps(line))
         except OSError as error:
@@ -146,19 +153,6 @@ class Store:
             raise RecordError(f"{self.path}: {reason(error)}") from None
         self._forced, self._dirty = time.monotonic(), False
 
-    def rows(self) -> Iterator[dict[str, Any]]:
-        """Lines of the runs, the last one of each, in the order of their numbers."""
-        places: dict[int, int] = {}
-        before = 0
-        for line, at in _lines(self.path):
-            if "run" in line:
-                places[line["run"]] = before
-            before = at
-        with self.path.open("rb") as file:
-            for number in sorted(places):
-                file.seek(places[number])
-                yield json.loads(file.readline())
-
     def close(self) -> None:
         """Close the journal."""
         with contextlib.suppress(OSError):
@@ -179,3 +173,28 @@ def _lines(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
                 yield json.loads(raw), at
             except ValueError:
                 return
+
+
+def contents(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, str]], dict[int, int]]:
+    """What a journal holds: facts, figures with unit and definition, where each run's line is."""
+    facts: dict[str, Any] = {}
+    figures: dict[str, dict[str, str]] = {}
+    places: dict[int, int] = {}
+    before = 0
+    for line, at in _lines(path):
+        if "sweep" in line:
+            facts = line["facts"]
+        elif "figure" in line:
+            figures[line["figure"]] = {k: line[k] for k in ("unit", "definition")}
+        else:
+            places[line["run"]] = before
+        before = at
+    return facts, figures, places
+
+
+def rows(path: Path, places: Mapping[int, int]) -> Iterator[dict[str, Any]]:
+    """Lines of the runs, the last one of each, in the order of their numbers."""
+    with path.open("rb") as file:
+        for number in sorted(places):
+            file.seek(places[number])
+            yield json.loads(file.readline())

@@ -7,6 +7,7 @@
     seeds   = 20                  # seeds of the scenario, or a list of them
     motions = ["recordings"]      # files or folders
     judge   = "tip_rms"           # figure that tells the worst runs
+    timeout = 60.0                # wall-clock time that a run may take [s]
 
     [sweep.vary]                  # keys as `--set` takes them
     "part.sensors.accelerometer_noise" = { min = 1e-4, max = 5e-3, scale = "log" }
@@ -235,14 +236,20 @@ class FaultRange(Strict):
 class Sweep(Strict):
     """The table; see the module."""
 
-    method: Literal["grid", "latin-hypercube", "monte-carlo"] = "monte-carlo"
+    method: Literal["grid", "latin-hypercube", "monte-carlo"] | None = None
     runs: int | None = Field(default=None, ge=1)
     seed: int = Field(default=1, ge=0)
     seeds: int | list[int] | None = None
     motions: list[str] = []
     judge: str | None = None
     vary: dict[str, Any] = {}
+    timeout: Positive | None = None
     fault: list[FaultRange] = []
+
+    @property
+    def design(self) -> str:
+        """The method: a grid where neither that nor a number of runs is given."""
+        return self.method or ("grid" if self.runs is None else "monte-carlo")
 
     @cached_property
     def variables(self) -> dict[str, Variable]:
@@ -261,11 +268,11 @@ class Sweep(Strict):
     def problems(self) -> list[str]:
         """Everything that is wrong with the table alone."""
         found: list[str] = []
-        grid = self.method == "grid"
+        grid = self.design == "grid"
         if grid and self.runs is not None:
             found.append("sweep.runs: a grid has as many runs as it has points; leave 'runs' out")
         if not grid and self.runs is None:
-            found.append(f"sweep.runs is missing: how many runs of '{self.method}'?")
+            found.append(f"sweep.runs is missing: how many runs of '{self.design}'?")
         numbers = self.seeds if isinstance(self.seeds, list) else [self.seeds or 1]
         least = 0 if isinstance(self.seeds, list) else 1
         if not numbers or any(number < least for number in numbers):
