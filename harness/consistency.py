@@ -194,7 +194,9 @@ def _nis(
         yield Consistency(part, None, time[taken], squared[taken], size[taken], total)
 
 
-def _errors(result: Signals, columns: set[str]) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+def _errors(
+    result: Signals, columns: set[str]
+) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Part, quantity, error (n, 3) and stated deviation (n, 3) where the truth is known."""
     roles: Mapping[str, list[str]] = result.facts.get("roles", {})
     for what in ("attitude", "position"):

@@ -95,7 +95,6 @@ class Display:
         finally:
             bar.stop()
 
-
     @contextmanager
     def counting(self, what: str) -> Iterator[Callable[[int, int, int], None]]:
         """A bar for things that are counted: per cent, how many, how many failed, time left."""

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import fmu_src
 from harness import scenario as scenarios
-from harness.errors import RecordError, RunError, SteadytipError, StoppedError
 from harness.course import play
+from harness.errors import RecordError, RunError, SteadytipError, StoppedError
 from harness.loop import Loop, Outcome, Pace, Progress
 from harness.parts import Run
 from harness.record import Recorder, reason, record_file

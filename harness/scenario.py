@@ -160,7 +160,7 @@ class Hil(_Strict):
     board: Literal["none", "python", "c"] = "none"
     log: Literal["candump", "blf", "none"] = "candump"
     priority: int = Field(default=50, ge=0, le=99)
-    limits: dict[str, Annotated[Limit, BeforeValidator(_at_most)]] = {}
+    limits: dict[str, Annotated[Limit, BeforeValidator(_at_most)]] = Field(default_factory=dict)
 
 
 class _Common(BaseModel):
@@ -169,7 +169,7 @@ class _Common(BaseModel):
     step_limit: _Positive = 10.0
     motion: str | None = None
     innovation_size: int | None = Field(default=None, ge=1)
-    stands_for: dict[str, Any] = {}
+    stands_for: dict[str, Any] = Field(default_factory=dict)
 
 
 class _File(_Strict):
@@ -179,13 +179,13 @@ class _File(_Strict):
     settle: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
     seed: int = Field(default=1, ge=0)
     part: dict[str, _Common]
-    wire: list[_Wire] = []
+    wire: list[_Wire] = Field(default_factory=list)
     signals: Signals = Signals()
-    change: list[Change] = []
-    fault: list[Fault] = []
+    change: list[Change] = Field(default_factory=list)
+    fault: list[Fault] = Field(default_factory=list)
     hil: Hil = Hil()
     sweep: Sweep | None = None
-    variant: dict[str, Any] = {}
+    variant: dict[str, Any] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -273,7 +273,9 @@ def load(
             hint = nearest(variant, variants) if variants else "it has none."
             raise SteadytipError(f"{path.name} has no variant '{variant}'; {hint}")
         table = merged(table, variants[variant])
-    return _checked(table, dict(overrides or {}), path, os.fspath(scenario), texts, variant, variants)
+    return _checked(
+        table, dict(overrides or {}), path, os.fspath(scenario), texts, variant, variants
+    )
 
 
 def varied(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:

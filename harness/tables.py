@@ -1,4 +1,4 @@
-"""What all tables of a scenario share: unknown keys are refused, and so are values of other types."""
+"""What all tables of a scenario share: unknown keys and values of other types are refused."""
 
 from __future__ import annotations
 

@@ -216,7 +216,7 @@ class Reusable(Protocol):
     Attributes:
         kept: whether `close` leaves everything as it is for another `start`. That one begins
             anew, bit for bit as a new part would; or, with `Run.first` above 0, it goes on from
-            the state that the part is in. A part that is not `Restorable` has no state but the time.
+            the state that the part is in. One that is not `Restorable` has no state but the time.
     """
 
     kept: bool

@@ -145,13 +145,18 @@ class FmuPart:
 
     def _begin(self, run: Run) -> Instance | IsolatedInstance:
         """An instance as new: an earlier run's, if that has left it in order."""
-        if isinstance(self._instance, Instance) and not self._instance.worn:
+        if isinstance(self._instance, Instance) and not self.worn:
             self._instance.reset()
             return self._instance
         self.release()
         make = IsolatedInstance if self._isolate else Instance
         self._instance = make(self.description, self.name, run.workspace)
         return self._instance
+
+    @property
+    def worn(self) -> bool:
+        """Whether an error has left the FMU in a state that nobody should go on from."""
+        return isinstance(self._instance, Instance) and self._instance.worn
 
     def can_pause(self) -> bool:
         """See `harness.parts.Reusable`: not in a process of its own."""

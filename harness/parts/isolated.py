@@ -237,6 +237,7 @@ def _serve(
 
 
 def end_with_parent() -> None:
+    """Wait for the parent's end, whatever it is, and end this process with it."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

@@ -60,6 +60,7 @@ class ReplayPart:
         self.seconds = self._recording.seconds
         self.kept = False
         self._evaluated = (0, 0.0)  # number of ticks, and their period
+        self._values: FloatArray = np.ones((0, len(PORTS)))
 
     @classmethod
     def prepare(

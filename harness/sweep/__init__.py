@@ -1,8 +1,8 @@
 """Sweeps: many runs of a scenario, over parameters, seeds, recordings and faults.
 
-    import harness
-    found = harness.sweep("closed_loop_sweep", runs=100)
-    found.table                                   # pyarrow, a row for each run
+import harness
+found = harness.sweep("closed_loop_sweep", runs=100)
+found.table                                   # pyarrow, a row for each run
 """
 
 from __future__ import annotations

@@ -19,9 +19,7 @@ _NAMED = 10
 
 
 def sweep(
-    scenario: Annotated[
-        str, typer.Argument(help="A scenario file, or the name of a shipped one.")
-    ],
+    scenario: Annotated[str, typer.Argument(help="A scenario file, or the name of a shipped one.")],
     vary: Annotated[
         list[str] | None,
         typer.Option(

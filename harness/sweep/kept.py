@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 
 __all__ = ["Kept"]
 
+
 class Kept:
     """Takes the signals of every tick, as `harness.record.Recorder` does; see `result.Signals`."""
 

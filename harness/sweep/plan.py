@@ -204,7 +204,8 @@ def groups_of(plan: Plan, numbers: Sequence[int]) -> list[Group]:
         motion[case.beginning] = case.motion or ""
     ordered = sorted(found.items(), key=lambda item: motion[item[0]])
     return [
-        Group(deque(n for _, n in sorted(runs)), key if len(runs) > 1 else None) for key, runs in ordered
+        Group(deque(n for _, n in sorted(runs)), key if len(runs) > 1 else None)
+        for key, runs in ordered
     ]
 
 

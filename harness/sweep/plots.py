@@ -182,9 +182,7 @@ def _points(
     _means(whole, row, column, middles, [y[classes == c] for c in np.unique(classes)])
 
 
-def _levels(
-    whole: go.Figure, row: int, column: int, texts: np.ndarray, y: FloatArray
-) -> None:
+def _levels(whole: go.Figure, row: int, column: int, texts: np.ndarray, y: FloatArray) -> None:
     names = list(dict.fromkeys(texts.tolist()))
     short = [text if len(text) <= 24 else f"{text[:23]}…" for text in names]
     for text, name in zip(names, short, strict=True):

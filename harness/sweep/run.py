@@ -344,7 +344,7 @@ def _facts(plan: Plan, system: System) -> dict[str, Any]:
         variable = plan.variables.get(axis)
         said = variable.model_dump(mode="json", exclude_none=True) if variable else {}
         about[axis] = {
-            "unit": _unit(axis, system),
+            "unit": "" if variable is not None and variable.times else _unit(axis, system),
             "numeric": variable is not None
             and (variable.values is None or numeric(variable.values)),
             "said": said,

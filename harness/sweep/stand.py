@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any
 from harness.course import proceed
 from harness.errors import FaultError, ProblemsError, RunError, SteadytipError
 from harness.events import Fault, events_of
-from harness.parts import Part, Restorable, Reusable, Run
 from harness.fused import fuse
+from harness.parts import Part, Restorable, Reusable, Run
 from harness.parts.fmu import FmuPart
 from harness.scenario import Scenario, merged, nested, varied
 from harness.sweep.kept import Kept
-from harness.system import System, assemble, part_seed, placed
+from harness.system import assemble, part_seed, placed
 
 if TYPE_CHECKING:
     from harness.loop import Moment, Outcome
@@ -180,13 +180,12 @@ class _Rig:
         begun = self._begun(case.shared) if self.shares else None
         since = begun.moment if begun is not None else None
         first = min((event.tick for event in own), default=self.run.steps)
-        if case.shared is not None and self.shares and first < self.run.steps:
-            if since is None or since.tick < first:
-                outcome, since = self._proceed(given, since, first)
-                if outcome.error is not None:
-                    return outcome
-                assert since is not None
-                begun = self._save(case.shared, since)
+        leaves = case.shared is not None and self.shares and first < self.run.steps
+        if leaves and (since is None or since.tick < first):
+            outcome, since = self._proceed(given, since, first)
+            if outcome.error is not None:
+                return outcome
+            begun = self._save(str(case.shared), since)
         if begun is None:
             self._forget()
         return self._proceed(events, since)[0]
@@ -203,7 +202,8 @@ class _Rig:
         self._beginning.restore()
         return self._beginning
 
-    def _save(self, key: str, moment: Moment) -> _Beginning:
+    def _save(self, key: str, moment: Moment | None) -> _Beginning:
+        assert moment is not None
         self._forget()
         parts = [part for part in self.system.parts.values() if isinstance(part, Restorable)]
         self._beginning = _Beginning(key, moment, [(part, part.save()) for part in parts])
@@ -213,6 +213,12 @@ class _Rig:
         if self._beginning is not None:
             self._beginning.free()
             self._beginning = None
+
+    @property
+    def worn(self) -> bool:
+        """Whether a part is in a state that nobody should go on from."""
+        parts = self.system.parts.values()
+        return any(isinstance(part, FmuPart) and part.worn for part in parts)
 
     def close(self) -> None:
         self._forget()
@@ -257,9 +263,13 @@ class Stand:
                 raise outcome.error
             return row("ok", metrics=rig.kept.metrics())
         except RunError as error:
-            # What a part has been through is not to show in the next run.
-            self._discard(rig)
-            return row("failed", str(error), worn=_hanging())
+            hanging = _hanging()
+            if rig is not None and (hanging or rig.worn):
+                # What a part has been through is not to show in the next run.
+                self._rigs = OrderedDict((k, r) for k, r in self._rigs.items() if r is not rig)
+                if not hanging:
+                    rig.close()
+            return row("failed", str(error), worn=hanging)
         except SteadytipError as error:
             return row("failed", str(error))
 
@@ -291,13 +301,6 @@ class Stand:
             self._base.container if fusable else None,
         )
         return self._rigs[key]
-
-    def _discard(self, rig: _Rig | None) -> None:
-        for key, each in list(self._rigs.items()):
-            if each is rig:
-                del self._rigs[key]
-                if not _hanging():
-                    each.close()
 
     def close(self) -> None:
         """Free everything."""

@@ -22,19 +22,19 @@
     at    = 5.0
 
 A grid is the product of everything that is listed: values, seeds, recordings, faults; without
-`seeds` all runs have the scenario's. Of the other methods each run has values of its own and, without
-`seeds`, a seed of its own; recordings, faults and `seeds` take turns.
+`seeds` all runs have the scenario's. Of the other methods each run has values of its own and,
+without `seeds`, a seed of its own; recordings, faults and `seeds` take turns.
 
 | what is said of a variable | values |
 | --- | --- |
 | a list, or `values` | each of them, equally likely |
-| `min`, `max`, `scale` | uniform, of the logarithm if the scale is `log`; `points` of them in a grid |
+| `min`, `max`, `scale` | uniform, the logarithm if `scale` is `log`; `points` of them in a grid |
 | `mean`, `sigma` | normal; cut off at `min` and `max`, if given |
 | `distribution`, and its arguments | of that name in `scipy.stats` |
 
-`integer = true` rounds. `times = [1e-5, 2e-5]` is for arrays: each element is the value times its own
-number. A variable with `from` acts from that time on [s]; until then it is as the
-scenario has it. Only what can be set in a run can have one: see `harness.events`.
+`integer = true` rounds. `times = [1e-5, 2e-5]` is for arrays: each element is the value times its
+own number. A variable with `from` acts from that time on [s]; until then it is as the scenario has
+it. Only what can be set in a run can have one: see `harness.events`.
 """
 
 from __future__ import annotations
@@ -51,7 +51,7 @@ from harness.events import Fault
 from harness.tables import Positive, Strict
 
 if TYPE_CHECKING:
-    from harness.parts import FloatArray
+    pass
 
 __all__ = ["METHODS", "FaultRange", "Sweep", "Variable", "variables_of"]
 
@@ -139,7 +139,8 @@ class Variable(BaseModel):
 
         known = [n for n in dir(stats) if isinstance(getattr(stats, n), stats.rv_continuous)]
         if self.distribution not in known:
-            yield f"'distribution' = {self.distribution!r}: {nearest(str(self.distribution), known)}"
+            hint = nearest(str(self.distribution), known)
+            yield f"'distribution' = {self.distribution!r}: {hint}"
             return
         try:
             good = math.isfinite(self._frozen.ppf(0.5))
@@ -207,13 +208,19 @@ def _as_list(value: Any) -> Any:
     return value if isinstance(value, list) else [value]
 
 
+def _no_value() -> list[float | None]:
+    return [None]
+
+
 class FaultRange(Strict):
     """Faults of one wire and kind, every combination of what is listed; see `Fault`."""
 
     wire: str
     kind: str
-    value: Annotated[list[float | None], BeforeValidator(_as_list)] = [None]
-    at: Annotated[list[float], BeforeValidator(_as_list)] = [0.0]
+    value: Annotated[list[float | None], BeforeValidator(_as_list)] = Field(
+        default_factory=_no_value
+    )
+    at: Annotated[list[float], BeforeValidator(_as_list)] = Field(default_factory=lambda: [0.0])
     until: float | None = None
 
     def faults(self) -> Iterator[Fault]:
@@ -240,11 +247,11 @@ class Sweep(Strict):
     runs: int | None = Field(default=None, ge=1)
     seed: int = Field(default=1, ge=0)
     seeds: int | list[int] | None = None
-    motions: list[str] = []
+    motions: list[str] = Field(default_factory=list)
     judge: str | None = None
-    vary: dict[str, Any] = {}
+    vary: dict[str, Any] = Field(default_factory=dict)
     timeout: Positive | None = None
-    fault: list[FaultRange] = []
+    fault: list[FaultRange] = Field(default_factory=list)
 
     @property
     def design(self) -> str:

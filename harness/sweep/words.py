@@ -25,7 +25,7 @@ def said(value: float, unit: str) -> str:
 def summary_rows(found: Outcome) -> Rows:
     """Figures over all runs: column names and rows."""
     columns = ("figure", "median", "mean", "95 % from", "to", "least", "most", "unit")
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for name, summary in found.summary.items():
         if name.endswith(_BOUNDS):
             continue
@@ -46,7 +46,7 @@ def summary_rows(found: Outcome) -> Rows:
 def influence_rows(found: Outcome, figure: str) -> Rows:
     """What a figure depends on: column names and rows, the strongest first."""
     columns = ("variable", "rank correlation", "95 %", "share of variance", "95 %")
-    rows = []
+    rows: list[tuple[str, ...]] = []
     for each in found.influences(figure):
         ordered = each.rho is not None
         rows.append(
