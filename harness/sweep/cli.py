@@ -47,7 +47,8 @@ def sweep(
         Path | None, typer.Option(help="Folder of the results; build/sweeps/SCENARIO by default.")
     ] = None,
     workers: Annotated[
-        int | None, typer.Option(min=1, help="Processes; one for each core by default.")
+        int | None,
+        typer.Option(min=0, help="Processes; one for each core by default, 0 for this one."),
     ] = None,
     scheduler: Annotated[
         str | None,

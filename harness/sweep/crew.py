@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from harness.sweep.plan import Case
 
-__all__ = ["Crew", "LocalCrew", "TooLong"]
+__all__ = ["Crew", "LocalCrew", "OwnCrew", "TooLong"]
 
 _LAST = 2.0  # s that a worker's process gets to tell how it ended
 
@@ -158,6 +158,36 @@ class LocalCrew:
                 worker.pool.shutdown(wait=True)
                 worker.pool = None
             self._dismiss(worker)
+
+
+class OwnCrew:
+    """This process itself, one case after the other: for a debugger, and where it is quicker."""
+
+    def __init__(self, base: Base) -> None:
+        """Nothing is made yet.
+
+        Args:
+            base: what all cases have in common.
+        """
+        self._stand = Stand(base)
+        self._rows: list[Row] = []
+
+    def free(self) -> Sequence[str]:
+        """See `Crew`."""
+        return [] if self._rows else ["this process"]
+
+    def give(self, worker: str, case: Case) -> None:
+        """See `Crew`; runs it at once."""
+        self._rows.append(self._stand.perform(case))
+
+    def take(self, seconds: float) -> Sequence[Row]:
+        """See `Crew`."""
+        rows, self._rows = self._rows, []
+        return rows
+
+    def close(self) -> None:
+        """See `Crew`."""
+        self._stand.close()
 
 
 # ---- In the other process ----------------------------------------------------------------------

@@ -19,7 +19,7 @@ from harness.parts.fmu import FmuPart
 from harness.parts.recording import recordings
 from harness.scenario import Scenario
 from harness.sweep.command import command_of
-from harness.sweep.crew import Crew, LocalCrew
+from harness.sweep.crew import Crew, LocalCrew, OwnCrew
 from harness.sweep.outcome import Outcome, numeric, write_parquet
 from harness.sweep.plan import Case, Plan, Queue, groups_of, value_on
 from harness.sweep.stand import FIXED, LENGTHS, Base, with_places
@@ -89,7 +89,7 @@ def sweep(
         overrides: values by dotted key, put in place of the scenario's, in all runs.
         variant: which of the scenario's variants.
         out: folder of the results; `build/sweeps/SCENARIO[-VARIANT]` by default.
-        workers: processes; as many as there are cores by default.
+        workers: processes; as many as there are cores by default, 0 for this one.
         scheduler: address of a Dask scheduler whose workers run the cases, in place of processes.
         timeout: wall-clock time that a run may take [s].
         fuse: run what can be fused as one FMU: the same numbers, sooner.
@@ -214,6 +214,8 @@ def _run(
         from harness.sweep.cluster import ClusterCrew
 
         crew = ClusterCrew(scheduler, prepared.base, limit)
+    elif workers == 0:
+        crew = OwnCrew(prepared.base)
     else:
         crew = LocalCrew(prepared.base, min(workers or os.cpu_count() or 1, len(todo)), limit)
     at_work: dict[int, Case] = {}

@@ -57,6 +57,7 @@ __all__ = ["METHODS", "FaultRange", "Sweep", "Variable", "variables_of"]
 
 METHODS = ("grid", "latin-hypercube", "monte-carlo")
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
+_SCALES = ("linear", "log")
 _EDGE = 1e-12
 """Distance of a probability from 0 and 1: no distribution gives infinity."""
 
@@ -74,7 +75,7 @@ class Variable(BaseModel):
     values: list[Any] | None = Field(default=None, min_length=1)
     min: _Finite | None = None
     max: _Finite | None = None
-    scale: Literal["linear", "log"] = "linear"
+    scale: Literal["linear", "log"] | _Finite = "linear"
     points: int | None = Field(default=None, ge=1)
     mean: _Finite | None = None
     sigma: Positive | None = None
@@ -100,7 +101,7 @@ class Variable(BaseModel):
         extra = self.model_extra or {}
         allowed = {
             "values": {"values"},
-            "distribution": {"distribution"},
+            "distribution": {"distribution", *({"scale"} if self.scale not in _SCALES else ())},
             "mean": {"mean", "sigma", "min", "max"},
             "min": {"min", "max", "scale", "points"},
             "": {"min", "max", "scale", "points"},
@@ -131,6 +132,8 @@ class Variable(BaseModel):
             yield "'min' and 'max' go together"
         elif self.min >= self.max:
             yield f"'min' = {self.min:g} is not below 'max' = {self.max:g}"
+        elif self.scale not in _SCALES:
+            yield f"'scale' = {self.scale}: one of {', '.join(_SCALES)}"
         elif self.scale == "log" and self.min <= 0.0:
             yield f"'min' = {self.min:g}: a logarithmic scale has positive values only"
 
@@ -155,7 +158,10 @@ class Variable(BaseModel):
         from scipy import stats
 
         if self.form == "distribution":
-            return getattr(stats, str(self.distribution))(**(self.model_extra or {}))
+            arguments = dict(self.model_extra or {})
+            if self.scale not in _SCALES:
+                arguments["scale"] = self.scale
+            return getattr(stats, str(self.distribution))(**arguments)
         assert self.mean is not None
         assert self.sigma is not None
         low = -math.inf if self.min is None else self.min
