@@ -12,12 +12,14 @@ from collections.abc import Sequence
 from concurrent.futures import Future, ProcessPoolExecutor
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
 from harness.parts.isolated import end_with_parent, ending
 from harness.sweep.stand import Base, Row, Stand
 
 if TYPE_CHECKING:
+    from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
     from harness.sweep.plan import Case
@@ -65,6 +67,7 @@ class _Worker:
 
     pool: ProcessPoolExecutor | None = None
     process: BaseProcess | None = None
+    ready: Future[None] | None = None
     future: Future[Row] | None = None
     number: int = -1
     since: float = 0.0
@@ -93,10 +96,9 @@ class LocalCrew:
         """See `Crew`."""
         at = self._workers[worker]
         if at.pool is None:
-            at.pool = ProcessPoolExecutor(
-                1, multiprocessing.get_context("spawn"), _begin, (self._base,)
-            )
+            at.pool = ProcessPoolExecutor(1, _context(), _begin, (self._base,))
             before = multiprocessing.active_children()
+            at.ready = at.pool.submit(_ready)
             at.future = at.pool.submit(_perform, case)
             started = [p for p in multiprocessing.active_children() if p not in before]
             at.process = started[0] if started else None
@@ -120,6 +122,8 @@ class LocalCrew:
                 continue
             if worker.future.done():
                 rows.append(self._result(worker))
+            elif worker.ready is not None and not worker.ready.done():
+                worker.since = time.monotonic()  # its process is still starting
             elif self._limit.over(worker.since):
                 rows.append(self._limit.row(worker.number))
                 self._dismiss(worker)
@@ -149,7 +153,7 @@ class LocalCrew:
             worker.process.kill()
         if worker.pool is not None:
             worker.pool.shutdown(wait=False, cancel_futures=True)
-        worker.pool = worker.process = worker.future = None
+        worker.pool = worker.process = worker.ready = worker.future = None
 
     def close(self) -> None:
         """See `Crew`."""
@@ -158,6 +162,16 @@ class LocalCrew:
                 worker.pool.shutdown(wait=True)
                 worker.pool = None
             self._dismiss(worker)
+
+
+@cache
+def _context() -> BaseContext:
+    """How processes start: as copies of one that has loaded everything, where there can be one."""
+    if "forkserver" not in multiprocessing.get_all_start_methods():
+        return multiprocessing.get_context("spawn")
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload([__name__])
+    return context
 
 
 class OwnCrew:
@@ -202,6 +216,10 @@ def _begin(base: Base) -> None:
         signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=end_with_parent, daemon=True).start()
     _stand = Stand(base)
+
+
+def _ready() -> None:
+    """Done once the process is there."""
 
 
 def _perform(case: Case) -> Row:

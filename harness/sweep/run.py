@@ -199,10 +199,9 @@ def _run(
     progress: Progress,
 ) -> None:
     plan = prepared.plan
-    # What was lost with its worker is tried again; what failed would fail again.
-    kept = {n for n, how in store.done.items() if how != "lost" and n < len(plan)}
+    # What is not well is tried again: a worker may have been killed, a disk full.
+    kept = {n for n, how in store.done.items() if how == "ok" and n < len(plan)}
     todo = [number for number in range(len(plan)) if number not in kept]
-    failed = sum(store.done[number] == "failed" for number in kept)
     if kept:
         status(f"{len(kept)} of {len(plan)} runs are there already")
     if not todo:
@@ -219,7 +218,7 @@ def _run(
     else:
         crew = LocalCrew(prepared.base, min(workers or os.cpu_count() or 1, len(todo)), limit)
     at_work: dict[int, Case] = {}
-    done = len(kept)
+    done, failed = len(kept), 0
     try:
         while queue.left or at_work:
             for worker in crew.free():
