@@ -4,6 +4,7 @@
     S     share of the figure's variance between the levels of a variable: eta squared less what as
           many levels without any influence have on average (Kelley's epsilon squared)
 
+In a full grid, where each level meets all others, chance is what no variable explains by itself.
 Levels are the values of a grid, of a list, recordings or faults; of a continuous variable, classes
 of equal numbers of runs. S of a variable of a full grid, or of independent variables, is its first
 order index of sensitivity (Saltelli et al., Global Sensitivity Analysis, 2008): it sees influences
@@ -14,7 +15,7 @@ Student's, those of rho by Bonett and Wright (2000), those of S by the bootstrap
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,10 +26,10 @@ from harness.parts import FloatArray
 __all__ = ["LEVEL", "Influence", "Summary", "influences_of", "levels_of", "mean_of", "summary_of"]
 
 LEVEL = 0.95
-_RESAMPLES = 400
+_RESAMPLES = 200
 _FEW = 5
 """Runs of a class, and runs in all, below which nothing is said."""
-_MOST_CLASSES = 12
+_MOST_CLASSES = 24
 
 
 @dataclass(frozen=True)
@@ -110,20 +111,21 @@ def influences_of(
     Args:
         figure: (n,); runs without a finite one are left out.
         variables: (n,) numbers, or objects without order.
-        listed: whether numbers are levels, too.
+        listed: whether it is a full grid.
     """
     good = np.isfinite(figure)
     y = figure[good]
     if len(y) < _FEW or np.ptp(y) == 0.0:
         return []
+    xs = {name: values[good] for name, values in variables.items()}
+    xs = {name: x for name, x in xs.items() if len(set(x.tolist())) > 1}
+    classes = {name: levels_of(x, listed) for name, x in xs.items()}
+    # In a full grid every level meets all others: only what is left of them all is chance.
+    chance = _left_over(list(classes.values()), y) if listed else None
     found = []
-    for name, values in variables.items():
-        x = values[good]
-        if len(set(x.tolist())) < 2:
-            continue
+    for name, x in xs.items():
         rho, low, high = _rank_correlation(x, y) if x.dtype != object else (None, 0.0, 0.0)
-        classes = levels_of(x, listed)
-        found.append(Influence(name, rho, low, high, *_share(classes, y)))
+        found.append(Influence(name, rho, low, high, *_share(classes[name], y, chance)))
     return sorted(found, key=lambda each: -each.strength)
 
 
@@ -147,28 +149,44 @@ def _rank_correlation(x: np.ndarray, y: FloatArray) -> tuple[float, float, float
     return rho, math.tanh(middle - half), math.tanh(middle + half)
 
 
-def _epsilon_squared(classes: np.ndarray, y: FloatArray, count: int) -> float:
+def _between(classes: np.ndarray, y: FloatArray, count: int) -> tuple[float, int]:
+    """Sum of squares between classes, and how many have values."""
     n = np.bincount(classes, minlength=count)
     sums = np.bincount(classes, y, minlength=count)
     there = n > 0
-    mean, total = y.mean(), float(np.sum((y - y.mean()) ** 2))
-    between = float(np.sum(n[there] * (sums[there] / n[there] - mean) ** 2))
-    k = int(there.sum())
+    means = sums[there] / n[there]
+    return float(np.sum(n[there] * (means - y.mean()) ** 2)), int(there.sum())
+
+
+def _total(y: FloatArray) -> float:
+    return float(np.sum((y - y.mean()) ** 2))
+
+
+def _left_over(classes: Sequence[np.ndarray], y: FloatArray) -> float:
+    """Mean square of what is neither of the variables of a full grid alone."""
+    found = [_between(each, y, int(each.max()) + 1) for each in classes]
+    degrees = len(y) - 1 - sum(count - 1 for _, count in found)
+    left = _total(y) - sum(between for between, _ in found)
+    return max(left, 0.0) / degrees if degrees > 0 else 0.0
+
+
+def _epsilon_squared(classes: np.ndarray, y: FloatArray, count: int, chance: float | None) -> float:
+    total, (between, k) = _total(y), _between(classes, y, count)
     if total <= 0.0 or len(y) <= k:
         return 0.0
-    within = max(total - between, 0.0) / (len(y) - k)
+    within = max(total - between, 0.0) / (len(y) - k) if chance is None else chance
     return (between - (k - 1) * within) / total
 
 
-def _share(classes: np.ndarray, y: FloatArray) -> tuple[float, float, float]:
+def _share(classes: np.ndarray, y: FloatArray, chance: float | None) -> tuple[float, float, float]:
     count = int(classes.max()) + 1
-    share = _epsilon_squared(classes, y, count)
+    share = _epsilon_squared(classes, y, count, chance)
     generator = np.random.default_rng(len(y))
     tries = []
     for _ in range(_RESAMPLES):
         chosen = generator.integers(0, len(y), len(y))
-        tries.append(_epsilon_squared(classes[chosen], y[chosen], count))
+        tries.append(_epsilon_squared(classes[chosen], y[chosen], count, chance))
     # Runs that are drawn twice make classes look more alike within: that bias is taken off.
     bias = float(np.mean(tries)) - share
     low, high = np.quantile(tries, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]) - bias
-    return max(share, 0.0), max(float(low), 0.0), max(float(high), 0.0)
+    return max(share, 0.0), max(float(low), 0.0), min(max(float(high), 0.0), 1.0)

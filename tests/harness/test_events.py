@@ -151,7 +151,9 @@ value = 1.0
 
 
 def test_only_real_signals_go_wrong(write_scenario):
-    text = '[part.a]\nfmu = PROBE\n[part.b]\nfmu = PROBE\n[[wire]]\nfrom = "a.count"\nto = "b.add"\n'
+    text = (
+        '[part.a]\nfmu = PROBE\n[part.b]\nfmu = PROBE\n[[wire]]\nfrom = "a.count"\nto = "b.add"\n'
+    )
     fault = {"fault": [{"wire": "a.count", "kind": "dead"}]}
     with pytest.raises(ProblemsError, match=r"'a\.count' is Integer; only Real signals"):
         assemble(scenarios.load(write_scenario(text), fault))

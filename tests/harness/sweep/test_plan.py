@@ -54,7 +54,9 @@ def test_without_seeds_a_grid_has_the_scenarios():
 
 @given(st.integers(2, 60), st.integers(0, 100))
 def test_a_latin_hypercube_has_one_run_in_each_slice_of_each_variable(runs, seed):
-    table = plan(method="latin-hypercube", runs=runs, seed=seed, vary={"a": TWO["a"], "c": TWO["a"]})
+    table = plan(
+        method="latin-hypercube", runs=runs, seed=seed, vary={"a": TWO["a"], "c": TWO["a"]}
+    )
     for name in "ac":
         slices = sorted(int(case.drawn[name] * runs) for case in table.cases())
         assert slices == list(range(runs))

@@ -48,7 +48,9 @@ def rows(outcome: Outcome) -> list[dict]:
 
 
 def start(path: Path, folder: Path, *more: str, code: str = "") -> subprocess.Popen:
-    script = f"import sys\nfrom harness.cli import main\n{code}\nif __name__ == '__main__': main()\n"
+    script = (
+        f"import sys\nfrom harness.cli import main\n{code}\nif __name__ == '__main__': main()\n"
+    )
     (folder.parent / "go.py").write_text(script)
     command = [sys.executable, str(folder.parent / "go.py"), "sweep", str(path)]
     return subprocess.Popen(
@@ -145,7 +147,9 @@ def test_a_changed_fmu_is_refused_too(write_scenario, probe, tmp_path):
 
     own = tmp_path / "own.fmu"
     shutil.copy(probe, own)
-    path = write_scenario('[part.a]\nfmu = "own.fmu"\n[sweep]\n[sweep.vary]\n"part.a.gain" = [1, 2]\n')
+    path = write_scenario(
+        '[part.a]\nfmu = "own.fmu"\n[sweep]\n[sweep.vary]\n"part.a.gain" = [1, 2]\n'
+    )
     swept(path, tmp_path / "out")
     with own.open("ab") as file:
         file.write(b"!")
@@ -189,8 +193,15 @@ def test_a_bad_value_in_a_grid_is_named_and_all_other_runs_are_done(small, tmp_p
 
 def test_the_command_varies_what_it_is_told_to(small, tmp_path):
     arguments = ["sweep", str(small()), "--workers", "0", "-q", "--no-page"]
-    arguments += ["--vary", f"{NOISE}=1e-6,2e-6", "--vary", "part.again.noise={min=0, max=1e-6, points=3}"]
-    result = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out"), "--seconds", "1.3"])
+    arguments += [
+        "--vary",
+        f"{NOISE}=1e-6,2e-6",
+        "--vary",
+        "part.again.noise={min=0, max=1e-6, points=3}",
+    ]
+    result = CliRunner().invoke(
+        app, [*arguments, "--out", str(tmp_path / "out"), "--seconds", "1.3"]
+    )
     assert result.exit_code == 0, result.output
     assert result.output == ""
     found = read(tmp_path / "out")
@@ -215,7 +226,7 @@ def test_the_page_shows_distributions_ranking_and_worst_runs_with_their_seeds(sm
         assert f"--seed {row['seed']}" in page
     for text in ("Distributions", "rank correlation", "share of variance", "Worst runs"):
         assert text in page
-    assert "src=\"http" not in page
+    assert 'src="http' not in page
     assert found.influences("drive_rms")[0].variable in {NOISE, "fault"}
 
 
@@ -258,9 +269,7 @@ seeds = [1, 2]
 def test_a_run_that_takes_its_process_along_is_lost_alone(
     write_scenario, tmp_path, mode, status, told
 ):
-    path = write_scenario(
-        BAD.replace("MODE", str(mode)), head="seconds = 1.5\nstep = 1e-3\n"
-    )
+    path = write_scenario(BAD.replace("MODE", str(mode)), head="seconds = 1.5\nstep = 1e-3\n")
     found = swept(path, tmp_path / "out", workers=2)
     assert [row["status"] for row in rows(found)] == ["ok", "ok", status, status, "ok", "ok"]
     assert [number for number, _, _ in found.failed] == [2, 3]
@@ -269,7 +278,9 @@ def test_a_run_that_takes_its_process_along_is_lost_alone(
 
 @pytest.mark.slow
 @posix
-def test_a_worker_that_is_killed_loses_its_run_only_which_is_tried_again(small, tmp_path, monkeypatch):
+def test_a_worker_that_is_killed_loses_its_run_only_which_is_tried_again(
+    small, tmp_path, monkeypatch
+):
     path, folder = small(CHANCE), tmp_path / "out"
     give = crews.LocalCrew.give
 

@@ -106,7 +106,9 @@ knid = "stuck"
 
 
 def test_a_variable_may_be_written_as_nested_tables_and_replaced_as_a_whole(small):
-    path = small("[sweep]\nruns = 2\n[sweep.vary.part.sensor]\nnoise = { min = 1e-7, max = 1e-6 }\n")
+    path = small(
+        "[sweep]\nruns = 2\n[sweep.vary.part.sensor]\nnoise = { min = 1e-7, max = 1e-6 }\n"
+    )
     assert scenarios.load(path).sweep.variables.keys() == {"part.sensor.noise"}
     text = "[sweep]\nruns = 2\n[sweep.vary]\n'part.sensor.noise' = { min = 1e-7, max = 1e-6 }\n"
     other = {"sweep.vary": {"part.sensor.noise": {"mean": 1e-6, "sigma": 1e-7}}}
