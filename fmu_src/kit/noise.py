@@ -13,6 +13,7 @@ restored state goes on with the same noise. The words come from the runtime (C s
 what happens to them is recorded with the model.
 """
 
+from functools import cache
 from typing import Any
 
 import casadi as ca
@@ -31,32 +32,44 @@ def uniforms(seed: int, first_sample: int, samples: int, draws: int) -> np.ndarr
     return (((words >> WORD_SHIFT) + 0.5) * UNIFORM_SCALE).reshape(samples, draws)
 
 
-def standard_normal(uniform: Any) -> ca.SX:
-    """Quantile of the standard normal distribution, element by element.
-
-    Rational approximations of Wichura (1988), Applied Statistics 37, 477-484, algorithm AS 241,
-    routine PPND16: relative error about 1e-16. All three branches are evaluated, so their arguments
-    are kept inside their domains.
-
-    Args:
-        uniform: values in (0, 1), any shape.
-    """
-    q = uniform - 0.5
-    centre = 0.180625 - q * q
-    near = q * _horner(centre, _NEAR_UP) / _horner(centre, _NEAR_DOWN)
-    tail = ca.fmin(uniform, 1 - uniform)
-    radius = ca.sqrt(-ca.log(tail))
-    middle = _horner(radius - 1.6, _MIDDLE_UP) / _horner(radius - 1.6, _MIDDLE_DOWN)
-    far = _horner(radius - 5.0, _FAR_UP) / _horner(radius - 5.0, _FAR_DOWN)
-    outer = ca.sign(q) * ca.if_else(radius <= 5.0, middle, far)
-    return ca.if_else(ca.fabs(q) <= 0.425, near, outer)
-
-
 def _horner(x: Any, coefficients: tuple[float, ...]) -> Any:
     total = coefficients[-1]
     for coefficient in reversed(coefficients[:-1]):
         total = total * x + coefficient
     return total
+
+
+@cache
+def _quantile() -> ca.Function:
+    """Quantile of one value. Only one of its three branches is evaluated, and none is inlined."""
+    u = ca.SX.sym("u")
+    q = u - 0.5
+    centre = 0.180625 - q * q
+    # A draw next to 1 is rounded to it.
+    radius = ca.sqrt(-ca.log(ca.fmax(ca.fmin(u, 1 - u), UNIFORM_SCALE / 2)))
+    near = q * _horner(centre, _NEAR_UP) / _horner(centre, _NEAR_DOWN)
+    middle = _horner(radius - 1.6, _MIDDLE_UP) / _horner(radius - 1.6, _MIDDLE_DOWN)
+    far = _horner(radius - 5.0, _FAR_UP) / _horner(radius - 5.0, _FAR_DOWN)
+    values = {"near": near, "middle": ca.sign(q) * middle, "far": ca.sign(q) * far}
+    branches = [ca.Function(name, [u], [value]) for name, value in values.items()]
+    v = ca.MX.sym("v")
+    beyond = (ca.fabs(v - 0.5) > 0.425) + (ca.fmin(v, 1 - v) < np.exp(-25.0))
+    chosen = ca.Function.conditional("quantile", branches[:2], branches[2])
+    return ca.Function("standard_normal", [v], [chosen(beyond, v)], {"never_inline": True})
+
+
+def standard_normal(uniform: Any) -> ca.SX:
+    """Quantile of the standard normal distribution, element by element.
+
+    Rational approximations of Wichura (1988), Applied Statistics 37, 477-484, algorithm AS 241,
+    routine PPND16: relative error about 1e-16.
+
+    Args:
+        uniform: values in (0, 1), a scalar or a column.
+    """
+    uniform = ca.SX(uniform)
+    quantiles: Any = ca.vertcat(*(_quantile()(u) for u in ca.vertsplit(uniform)))
+    return ca.SX(ca.evalf(quantiles)) if uniform.is_constant() else quantiles
 
 
 # Coefficients of PPND16, constant term first.

@@ -173,6 +173,7 @@ class Record:
             )
         for name, value in values.items():
             setattr(self, name, value)
+        self._whole: Any = None  # the vector that it was cut from
 
     def replace(self, **values: Any) -> Self:
         """A copy with some fields changed."""
@@ -223,7 +224,9 @@ class Record:
             else:
                 values[name] = field.unpack(vector[at : at + field.size()])
                 at += field.size()
-        return cls(**values)
+        record = cls(**values)
+        record._whole = vector if isinstance(vector, ca.MX) else None
+        return record
 
     def pack(self) -> Any:
         """Stack all fields into one column, matrices by columns: SX, or MX where a field is.
@@ -231,6 +234,8 @@ class Record:
         Raises:
             SteadytipError: a value does not have its field's shape.
         """
+        if self._whole is not None:
+            return self._whole  # not put together again, which would be copied in C
         pieces = []
         for name, field in self.fields.items():
             value = getattr(self, name)

@@ -47,14 +47,14 @@ first one that can be trusted; while they cannot be, the motion goes on as it is
 """
 
 from collections.abc import Callable
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import casadi as ca
 import numpy as np
 
 from fmu_src.kit import Derived, Model, Outputs, State, boolean, real
-from fmu_src.tremor import phasors, zero_phase
+from fmu_src.tremor import blocks, phasors, zero_phase
 from fmu_src.tremor.ports import In
 
 SAMPLE_PERIOD = 1e-3
@@ -83,6 +83,8 @@ LEAST_MOVE = 1e-9
 SIZE = OWN + 2 * CROSS
 HISTORY = STRIDE * AHEAD + 1
 AXES = 3
+BLOCK = 7
+"""Of the least squares' equations, which are solved block by block: it divides SIZE."""
 
 
 class Learning(zero_phase.Band):
@@ -153,38 +155,63 @@ def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: f
     )
 
 
-def _solver() -> ca.Function:
-    """(correlation, (AXES^2, OWN + 1), moves, (AXES, STRIDE (OWN + 1)), prior, left) -> A, (SIZE,).
+def _regression() -> ca.Function:
+    """(correlation, (AXES^2, OWN + 1), moves, (AXES, STRIDE (OWN + 1)), prior, left) -> blocks.
 
-    For the first axis. The correlation holds the first block row of the regression's matrix C. Its
-    other entries are the same sums a stride earlier, C_{i+1,j+1} = (C_ij - D_ij) / g^STRIDE, D the
-    products that came in since: so that they are as exact as if each had been summed up by itself.
-    Moves are velocities at every sample, newest first.
+    For the first axis: of R, its rows of blocks up to the diagonal, then of r, and all but the
+    prior's share. The correlation holds the first block row of the sums C over products of any two
+    lags. Its other entries are the same sums a stride earlier, C_{i+1,j+1} = (C_ij - D_ij) /
+    g^STRIDE, D the products that came in since: so that they are as exact as if each had been
+    summed up by itself. Moves are velocities at every sample, newest first.
     """
-    correlation = ca.MX.sym("correlation", AXES**2, OWN + 1)
-    moves = ca.MX.sym("moves", AXES, STRIDE * (OWN + 1))
-    prior, left = ca.MX.sym("prior"), ca.MX.sym("left")
+    correlation = ca.SX.sym("correlation", AXES**2, OWN + 1)
+    moves = ca.SX.sym("moves", AXES, STRIDE * (OWN + 1))
+    prior, left = ca.SX.sym("prior"), ca.SX.sym("left")
     # Column q holds the velocities that product q of the last stride was made of.
-    columns = [left ** (q / 2) * ca.vec(moves[:, q::STRIDE]) for q in range(STRIDE)]
-    recent = ca.horzcat(*columns)
-    came_in = recent @ recent.T
-    row = ca.horzcat(*(ca.reshape(correlation[:, j], AXES, AXES) for j in range(OWN + 1)))
-    rows = [row]
-    for i in range(OWN):
-        before = rows[-1][:, :-AXES] - came_in[AXES * i : AXES * (i + 1), :-AXES]
-        start = row[:, AXES * (i + 1) : AXES * (i + 2)].T
-        rows.append(ca.horzcat(start, before / left**STRIDE))
-    whole = ca.vertcat(*rows)
+    shares = [left ** (q / 2) for q in range(STRIDE)]
+    before = 1 / left**STRIDE
 
-    places = [AXES * lag for lag in range(1, OWN + 1)]
-    places += [AXES * lag + axis for axis in (1, 2) for lag in range(1, CROSS + 1)]
-    R = whole[places, places] + prior * ca.DM.eye(SIZE)
+    @cache
+    def weighted(lag: int, axis: int) -> list[Any]:
+        return [shares[q] * moves[axis, STRIDE * lag + q] for q in range(STRIDE)]
+
+    @cache
+    def summed(i: int, a: int, j: int, b: int) -> Any:
+        """C of axis a at lag i and axis b at lag j."""
+        if i > j:
+            return summed(j, b, i, a)
+        if i == 0:
+            return correlation[AXES * b + a, j]
+        pairs = zip(weighted(i - 1, a), weighted(j - 1, b), strict=True)
+        came_in = sum(one * other for one, other in pairs)
+        return (summed(i - 1, a, j - 1, b) - came_in) * before
+
+    places = [(lag, 0) for lag in range(1, OWN + 1)]
+    places += [(lag, axis) for axis in (1, 2) for lag in range(1, CROSS + 1)]
     keeps = float(np.exp(-2 * np.pi * PRIOR_CORNER * STRIDE * SAMPLE_PERIOD))
-    r = whole[places, 0] + prior * keeps * ca.DM(np.eye(SIZE)[0])
     # Scaled, so that single precision has no very small numbers to work with.
-    scale = R[0, 0]
-    found = ca.solve(R / scale, r / scale, "ldl")
-    return ca.Function("solve_axis", [correlation, moves, prior, left], [found])
+    scale = 1 / (summed(*places[0], *places[0]) + prior)
+    R = ca.SX(ca.Sparsity.lower(SIZE), 0)
+    for row, one in enumerate(places):
+        for column, other in enumerate(places[: row + 1]):
+            R[row, column] = (summed(*one, *other) + (prior if row == column else 0)) * scale
+    r = ca.horzcat(*(summed(0, 0, *place) for place in places))
+    r[0] += prior * keeps
+    starts = range(0, SIZE, BLOCK)
+    pieces = [R[i : i + BLOCK, j : j + BLOCK] for i in starts for j in starts if j <= i]
+    pieces += [r[i : i + BLOCK] * scale for i in starts]
+    return ca.Function("regression", [correlation, moves, prior, left], pieces)
+
+
+def _solver() -> ca.Function:
+    """(correlation, moves, prior, left) as in `_regression` -> A, (SIZE,), of the first axis."""
+    regression = _regression()
+    arguments = regression.mx_in()
+    found = list(regression(*arguments))
+    count = SIZE // BLOCK
+    rows = [[found.pop(0) for _ in range(row + 1)] for row in range(count)]
+    solution = ca.vertcat(*blocks.solve(rows, found))
+    return ca.Function("solve_axis", arguments, [solution])
 
 
 def companion(coefficients: Any) -> Any:
@@ -210,54 +237,48 @@ def _folder() -> ca.Function:
     velocities, F the companion matrix of A. So the fold is sum_h later_h E F^h, by Horner's rule
     from the farthest h on; a product with F is a shift and the first block times A.
     """
+    Z = ca.SX.sym("Z", AXES, AXES * OWN)
+    A, g = ca.SX.sym("A", SIZE, AXES), ca.SX.sym("g")
+    first = Z[:, :AXES] + g * ca.SX.eye(AXES)
+    following = ca.horzcat(Z[:, AXES:], ca.SX.zeros(AXES, AXES)) + first @ companion(A)
+    horner = ca.Function("horner", [Z, A, g], [following], {"cse": True})
     coefficients = ca.MX.sym("coefficients", SIZE, AXES)
     later = ca.MX.sym("later", AHEAD)
-    one = companion(coefficients)
-    Z, M, g = ca.MX.sym("Z", *one.shape), ca.MX.sym("M", *one.shape), ca.MX.sym("g")
-    first = Z[:, :AXES] + g * ca.DM.eye(AXES)
-    following = ca.horzcat(Z[:, AXES:], ca.DM.zeros(AXES, AXES)) + first @ M
-    horner = ca.Function("horner", [Z, M, g], [following])
-    fold: Any = ca.MX(*one.shape)
+    fold: Any = ca.MX(ca.DM.zeros(*Z.shape))
     for h in reversed(range(AHEAD)):
-        fold = horner(ca.densify(fold), one, later[h])
+        fold = horner(fold, coefficients, later[h])
     return ca.Function("fold_forecast", [coefficients, later], [fold])
 
 
 SOLVE_AXIS, FOLD_FORECAST = _solver(), _folder()
 
 
-def learn(derived: Weights, x: X, T: float) -> tuple[Any, Any, Any]:
-    """Coefficients and fold, a part of them at each of the first samples of a round.
+@cache
+def learning(T: float) -> ca.Function:
+    """(count, band, state) -> (coefficients, fold): a part of a round, or what has been learnt.
 
     Args:
-        derived: weights of the band-pass.
-        x: state.
         T: sample period [s].
-
-    Returns:
-        Samples in this round, coefficients and fold.
     """
-    # With the axis whose turn it is in front: the solution knows the first axis only.
+    count, band = ca.MX.sym("count"), ca.MX.sym("band", Weights.size())
+    state = ca.MX.sym("x", X.size())
+    derived, x = Weights.unpack(band), X.unpack(state)
     correlation: Any = x.correlation
     moves: Any = x.motion[:, : STRIDE * (OWN + 1)] - x.motion[:, STRIDE : STRIDE * (OWN + 2)]
-    turned_correlation, turned_moves = correlation, moves
-    for axis in range(1, AXES):
+    parts = []
+    for axis in range(AXES):
+        # With the axis whose turn it is in front: the solution knows the first axis only.
         order = (axis + np.arange(AXES)) % AXES
         rows = (AXES * order[:, None] + order).flatten().tolist()
-        turn = x.count == axis
-        turned_correlation = ca.if_else(turn, correlation[rows, :], turned_correlation)
-        turned_moves = ca.if_else(turn, moves[order.tolist(), :], turned_moves)
-    unrest = ca.if_else(
-        x.count == 0, x.unrest[0], ca.if_else(x.count == 1, x.unrest[1], x.unrest[2])
-    )
-    prior = AXES * PRIOR / T * (unrest + LEAST_MOVE**2)
-    solved = SOLVE_AXIS(turned_correlation, turned_moves, prior, derived.left)
-    found = ca.if_else(x.count < AXES, solved, ca.MX(SIZE, 1), True)
-    coefficients = ca.horzcat(
-        *(ca.if_else(x.count == axis, found, x.coefficients[:, axis]) for axis in range(AXES))
-    )
-    fold = ca.if_else(x.count == AXES, FOLD_FORECAST(x.coefficients, derived.later), x.fold, True)
-    return ca.if_else(x.count + 1 >= EVERY, 0, x.count + 1), coefficients, fold
+        prior = AXES * PRIOR / T * (x.unrest[axis] + LEAST_MOVE**2)
+        arguments = (correlation[rows, :], moves[order.tolist(), :], prior, derived.left)
+        columns = [x.coefficients[:, other] for other in range(AXES)]
+        columns[axis] = SOLVE_AXIS(*arguments)
+        parts.append((f"learn_{axis}", ca.horzcat(*columns), x.fold))
+    parts.append(("learn_fold", x.coefficients, FOLD_FORECAST(x.coefficients, derived.later)))
+    functions = [ca.Function(name, [band, state], results) for name, *results in parts]
+    known = ca.Function("known", [band, state], [x.coefficients, x.fold])
+    return ca.Function.conditional("learning", functions, known)
 
 
 def moved(position: Any, valid: Any, x: X) -> tuple[Any, Any]:
@@ -327,30 +348,54 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
         x: state.
         T: sample period [s].
     """
-    origin, motion = moved(position, valid, x)
-    velocity = velocities(motion)
-    newest = velocity[:, 0]
-    products = ca.vertcat(*(ca.mtimes(newest, velocity[b, :]) for b in range(AXES)))
-    correlation = derived.left * x.correlation + products
-    turn = newest - velocity[:, 1]
-    unrest = derived.left * x.unrest + (1 - derived.left) * turn**2
-    count, coefficients, fold = learn(derived, x, T)
-
-    swung = swing(velocity, x, T)
-    seen = ca.fmin(x.seen + valid * T, LEARNING)
+    perceived = perceiving(T)(derived.pack(), position, valid, x.pack())
+    origin, now, correlation, unrest, swung, seen, tremor = perceived
+    coefficients, fold = learning(T)(x.count, derived.pack(), x.pack())
     following = X(
         tracked=valid,
         origin=origin,
         seen=seen,
-        count=count,
+        count=ca.if_else(x.count + 1 >= EVERY, 0, x.count + 1),
         unrest=unrest,
         swing=swung,
-        motion=motion,
+        motion=ca.horzcat(now, x.motion[:, :-1]),
         correlation=correlation,
         coefficients=coefficients,
         fold=fold,
     )
-    return following, Out(tremor=found(derived, motion, swung, seen, x))
+    return following, Out(tremor=tremor)
+
+
+@cache
+def perceiving(T: float) -> ca.Function:
+    """(band, position, valid, state) -> what a sample tells, by elements.
+
+    That is origin, newest motion, correlation, unrest, swing, time learnt from, and tremor.
+
+    Args:
+        T: sample period [s].
+    """
+    band, position = ca.SX.sym("band", Weights.size()), ca.SX.sym("position", AXES)
+    valid, state = ca.SX.sym("valid"), ca.SX.sym("x", X.size())
+    derived, x = Weights.unpack(band), X.unpack(state)
+    origin, motion = moved(position, valid, x)
+    velocity = velocities(motion)
+    newest = velocity[:, 0]
+    products = ca.vertcat(*(ca.mtimes(newest, velocity[b, :]) for b in range(AXES)))
+    turn = newest - velocity[:, 1]
+    swung = swing(velocity, x, T)
+    seen = ca.fmin(x.seen + valid * T, LEARNING)
+    results = [
+        origin,
+        motion[:, 0],
+        derived.left * x.correlation + products,
+        derived.left * x.unrest + (1 - derived.left) * turn**2,
+        swung,
+        seen,
+        found(derived, motion, swung, seen, x),
+    ]
+    arguments = [band, position, valid, state]
+    return ca.Function("perceive", arguments, results, {"cse": True})
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
