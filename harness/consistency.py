@@ -92,7 +92,8 @@ class Consistency:
     @property
     def bound(self) -> FloatArray:
         """Below which single values of a consistent filter stay, `LEVEL` of the time, (k,)."""
-        return np.asarray(stats.chi2.ppf(LEVEL, self.size))
+        sizes, which = np.unique(self.size, return_inverse=True)
+        return np.asarray(stats.chi2.ppf(LEVEL, sizes)[which])
 
     @property
     def inside(self) -> float:

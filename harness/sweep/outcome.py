@@ -215,6 +215,7 @@ def _schema(facts: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) 
         )
     fields += [
         field("wall", pa.float64(), "s", description="time that the run took"),
+        field("cpu", pa.float64(), "s", description="processor time of the worker meanwhile"),
         field("status", pa.string(), description="ok, failed, or lost with its worker"),
         field("error", pa.string(), description="why it is not ok"),
         field("command", pa.string(), description="runs it again, alone"),

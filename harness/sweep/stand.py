@@ -67,6 +67,7 @@ class Row:
         status: `ok`, `failed`, or `lost` with its worker.
         error: why it is not ok.
         wall: time that it took, start and figures included [s].
+        cpu: processor time of the worker's process meanwhile [s].
         metrics: figures of merit by name.
         worn: whether the worker should not be used again.
     """
@@ -75,6 +76,7 @@ class Row:
     status: str
     error: str = ""
     wall: float = 0.0
+    cpu: float = 0.0
     metrics: Mapping[str, Metric] = field(default_factory=dict)
     worn: bool = False
 
@@ -248,10 +250,11 @@ class Stand:
 
     def perform(self, case: Case) -> Row:
         """Run a case; whatever is wrong with it is in the row."""
-        begun = time.perf_counter()
+        begun, before = time.perf_counter(), time.process_time()
 
         def row(status: str, error: str = "", **more: Any) -> Row:
-            return Row(case.number, status, error, time.perf_counter() - begun, **more)
+            wall, cpu = time.perf_counter() - begun, time.process_time() - before
+            return Row(case.number, status, error, wall, cpu, **more)
 
         rig = None
         try:

@@ -119,7 +119,7 @@ class Store:
                     self.units[name] = {"unit": metric.unit, "definition": metric.definition}
                     self._write(json.dumps({"figure": name, **self.units[name]}))
             line: dict[str, Any] = {"run": row.number, **case}
-            line |= {"status": row.status, "error": row.error, "wall": row.wall}
+            line |= {"status": row.status, "error": row.error, "wall": row.wall, "cpu": row.cpu}
             line["metrics"] = {name: metric.value for name, metric in row.metrics.items()}
             self._write(json.dumps(line))
         except OSError as error:

@@ -157,17 +157,25 @@ class Variable(BaseModel):
     def _frozen(self) -> Any:
         from scipy import stats
 
-        if self.form == "distribution":
-            arguments = dict(self.model_extra or {})
-            if self.scale not in _SCALES:
-                arguments["scale"] = self.scale
-            return getattr(stats, str(self.distribution))(**arguments)
+        arguments = dict(self.model_extra or {})
+        if self.scale not in _SCALES:
+            arguments["scale"] = self.scale
+        return getattr(stats, str(self.distribution))(**arguments)
+
+    def _normal(self, u: float) -> float:
+        """Quantile of the normal distribution between `min` and `max`."""
+        from scipy.special import ndtr, ndtri
+
         assert self.mean is not None
         assert self.sigma is not None
         low = -math.inf if self.min is None else self.min
         high = math.inf if self.max is None else self.max
         a, b = ((end - self.mean) / self.sigma for end in (low, high))
-        return stats.truncnorm(a, b, loc=self.mean, scale=self.sigma)
+        # Near 1 a probability has few digits: the upper half is the mirrored lower one.
+        sign = -1.0 if a > 0.0 else 1.0
+        start, end = (ndtr(a), ndtr(b)) if sign > 0.0 else (ndtr(-a), ndtr(-b))
+        value = self.mean + self.sigma * sign * float(ndtri(start + (end - start) * u))
+        return min(max(value, low), high)
 
     def whole(self, value: Any) -> Any:
         """What a part is given for a value."""
@@ -186,6 +194,8 @@ class Variable(BaseModel):
             else:
                 value = self.min + (self.max - self.min) * u
             value = min(max(value, self.min), self.max)
+        elif self.form == "mean":
+            value = self._normal(u)
         else:
             value = float(self._frozen.ppf(u))
         return round(value) if self.integer else float(value)

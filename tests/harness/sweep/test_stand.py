@@ -1,7 +1,8 @@
-"""Runs in one process: used again, from saved states, fused; always the numbers of the run alone."""
+"""Runs in one process, used again, from saved states, fused: the numbers of the run alone."""
 
 import time
 from dataclasses import replace
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from harness.sweep.plan import Plan, Queue, groups_of
 from harness.sweep.stand import Base, Row, Stand, with_places
 from harness.system import assemble
 
+STATM = Path("/proc/self/statm")
 GRID = """
 [sweep]
 seeds = [3, 4]
@@ -135,16 +137,15 @@ def test_a_recording_may_vary(tmp_path, recording):
     assert values(row) == wanted
 
 
-@pytest.mark.skipif(not hasattr(__import__("os"), "sysconf"), reason="reads /proc")
+@pytest.mark.skipif(not STATM.exists(), reason="reads /proc")
 def test_memory_stays_flat_over_many_runs(small):
     plan, base = laid_out(small(GRID))
     stand = Stand(base)
 
     def after(runs: int) -> int:
-        for case in in_order(plan)[:runs] if runs < len(plan) else in_order(plan):
+        for case in in_order(plan)[:runs]:
             stand.perform(case)
-        with open("/proc/self/statm") as file:
-            return int(file.read().split()[1])
+        return int(STATM.read_text().split()[1])
 
     for _ in range(3):
         after(len(plan))

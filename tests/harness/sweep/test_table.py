@@ -28,6 +28,8 @@ def test_a_range_stays_in_its_range_and_rises(u, low, ratio, scale):
 def test_a_normal_variable_is_cut_off_where_it_says(u):
     variable = Variable(mean=1.0, sigma=0.5, min=0.9, max=1.3)
     assert 0.9 <= variable.at(u) <= 1.3
+    far = Variable(mean=0.0, sigma=1.0, min=6.0, max=9.0)
+    assert far.at(u) == pytest.approx(stats.truncnorm(6.0, 9.0).ppf(u), rel=1e-6)
     free = Variable(mean=1.0, sigma=0.5)
     assert free.at(u) == pytest.approx(stats.norm(1.0, 0.5).ppf(u), rel=1e-6, abs=1e-6)
 
