@@ -189,4 +189,5 @@ def _share(classes: np.ndarray, y: FloatArray, chance: float | None) -> tuple[fl
     # Runs that are drawn twice make classes look more alike within: that bias is taken off.
     bias = float(np.mean(tries)) - share
     low, high = np.quantile(tries, [(1 - LEVEL) / 2, (1 + LEVEL) / 2]) - bias
-    return max(share, 0.0), max(float(low), 0.0), min(max(float(high), 0.0), 1.0)
+    share = max(share, 0.0)
+    return share, max(min(float(low), share), 0.0), min(max(float(high), share), 1.0)
