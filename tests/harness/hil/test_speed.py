@@ -50,7 +50,7 @@ def test_figures_of_a_run_are_its_metrics_with_the_conditions(made_up, tmp_path)
 def test_each_link_is_run_with_priority_and_without_and_none_keeps_the_others(made_up, tmp_path):
     path = tmp_path / "new" / "bench.json"
     done = CliRunner().invoke(
-        app, ["bench", "hil", "--seconds", "1", "--json", str(path)], env={"COLUMNS": "300"}
+        app, ["bench", "hil", "--seconds", "1", "--json", str(path)], env={"COLUMNS": "200"}
     )
     assert done.exit_code == 0, done.output
     links = [(a["part.sensors.interface"], a["hil.board"], a["hil.priority"]) for a in made_up]
@@ -70,7 +70,7 @@ def test_each_link_is_run_with_priority_and_without_and_none_keeps_the_others(ma
     assert {"instrument.dbc, E2E profile P01", "instrument_fd.dbc, E2E profile P05"} <= {
         entry["setting"] for entry in entries
     }
-    for text in ("latency, median", "µs", f"json: {path}"):
+    for text in ("median", "µs", f"json: {path}"):
         assert text in done.output
 
 
