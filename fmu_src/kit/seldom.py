@@ -34,7 +34,7 @@ def either(
         )
         for which, function in (("taken", taken), ("passed", passed))
     ]
-    chosen = ca.Function.if_else(name, *functions)
+    chosen = ca.Function.if_else(name, functions[0], functions[1])
     arguments = chosen.mx_in()
     results = chosen.call(arguments, False, True)
     # Inlined into elements, both would be evaluated again.
