@@ -15,7 +15,7 @@ import struct
 import unicodedata
 import zipfile
 import zlib
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 from harness.errors import SteadytipError
@@ -43,13 +43,20 @@ class ArchiveError(SteadytipError):
     """An archive that is damaged, or that is not unpacked because of what it holds."""
 
 
-def extract(path: Path, folder: Path, *, most_bytes: int = MOST_BYTES) -> list[str]:
+def extract(
+    path: Path,
+    folder: Path,
+    *,
+    most_bytes: int = MOST_BYTES,
+    wanted: Callable[[str], bool] = lambda _: True,
+) -> list[str]:
     """Unpack an archive.
 
     Args:
         path: the archive.
         folder: where to; new or empty. After a failure it is as it was before.
         most_bytes: limit of the unpacked size in all [byte].
+        wanted: whether a member is unpacked, by name; all are judged.
 
     Returns:
         Names of the files, with `/` between folders, in the archive's order.
@@ -63,7 +70,7 @@ def extract(path: Path, folder: Path, *, most_bytes: int = MOST_BYTES) -> list[s
         raise ArchiveError(f"{path} is not unpacked: {folder} is not an empty folder")
     try:
         with zipfile.ZipFile(path) as archive:
-            infos = _checked(path, archive, most_bytes)
+            infos = [i for i in _checked(path, archive, most_bytes) if wanted(i.filename)]
             folder.mkdir(parents=True, exist_ok=True)
             left = most_bytes
             for info in infos:

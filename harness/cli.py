@@ -20,6 +20,7 @@ from harness.hil.cli import board, hil, replay
 from harness.identify.cli import app as identify
 from harness.reproduce.cli import reproduce
 from harness.ssp.cli import app as ssp
+from harness.sweep.cli import sweep
 
 app = typer.Typer(
     help="Tremor-cancelling handheld microsurgery as FMI 2.0 co-simulation.",
@@ -35,6 +36,7 @@ app.command()(analyze)
 app.command()(hil)
 app.command()(board)
 app.command()(replay)
+app.command()(sweep)
 _console = Console()
 _errors = Console(stderr=True)
 

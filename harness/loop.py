@@ -5,7 +5,9 @@ many as the longest wire delay, so that gathering a part's inputs is one indexed
 delays are. Tick k steps every part from `k * step` to `(k + 1) * step`; what is recorded at time
 `k * step` are the outputs after that: the values of the sample instant in that interval.
 
-On the wall clock a `Pace` says when a tick begins, and how many steps it spans.
+Where every part can do without Python and nothing keeps to the wall clock, many ticks are one
+native call (`harness.march`), to the same bits. On the wall clock a `Pace` says when a tick begins,
+and how many steps it spans.
 """
 
 from __future__ import annotations
@@ -15,7 +17,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -23,11 +25,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from harness.errors import FaultError, PartError, RunError, StoppedError
+from harness.march import How, March, plan
 from harness.parts import FloatArray, Killable, Part, Run
-from harness.record import Recorder
 from harness.system import System
 
-__all__ = ["Loop", "Outcome", "Pace"]
+__all__ = ["Loop", "Moment", "Outcome", "Pace", "Progress", "Record"]
 
 _T = TypeVar("_T")
 
@@ -76,6 +78,52 @@ class Pace(Protocol):
         """There is no further tick; in the loop's own thread, also after a failure."""
 
 
+class Record(Protocol):
+    """Takes the signals of every tick, (signals,), in the order of the system's columns.
+
+    A loop uses either `append`, or `room` and `took`: many ticks are then written to where they
+    stay. `harness.record.Recorder` puts them on the disk; an array of all ticks whose rest is
+    `room` keeps them in memory.
+    """
+
+    def append(self, signals: FloatArray) -> None:
+        """Record one tick; the array is used again.
+
+        Raises:
+            RecordError: it cannot be.
+        """
+
+    def room(self) -> FloatArray:
+        """Where the next ticks go: (n, signals) in C order, n > 0. Nothing else writes there."""
+
+    def took(self, rows: int) -> None:
+        """That many rows of `room` have been written.
+
+        Raises:
+            RecordError: they cannot be recorded.
+        """
+
+    def relieve(self) -> None:
+        """There is time now; only on the wall clock.
+
+        Raises:
+            RecordError: what is held back cannot be recorded.
+        """
+
+
+@dataclass(frozen=True)
+class Moment:
+    """Where a run stands between two ticks, beside the states of its parts.
+
+    Attributes:
+        tick: number of ticks done.
+        history: outputs of the last ticks, as the loop keeps them.
+    """
+
+    tick: int
+    history: FloatArray
+
+
 @dataclass(frozen=True)
 class Outcome:
     """How a run ended.
@@ -100,9 +148,11 @@ class Loop:
         self,
         system: System,
         run: Run,
-        recorder: Recorder,
+        recorder: Record,
         pace: Pace | None = None,
         observe: Callable[[FloatArray], None] | None = None,
+        since: Moment | None = None,
+        until: int | None = None,
     ) -> None:
         """Lay out signals and inputs.
 
@@ -112,8 +162,12 @@ class Loop:
             recorder: takes the signals of every tick.
             pace: of the wall clock; without one, ticks follow each other at once.
             observe: takes the signals of every tick, too.
+            since: moment to go on from; the parts are in its states. The beginning if left out.
+            until: tick to stop before; the end of the run if left out.
         """
-        self._run = run
+        self._run = run if since is None else replace(run, first=since.tick)
+        self._since = since
+        self._last = run.steps if until is None else until
         self._pace = pace
         self._observe = observe
         self._recorder = recorder
@@ -146,7 +200,8 @@ class Loop:
             ]
             self._sources.append(np.array(index, dtype=np.intp))
         self._inputs = [np.zeros(len(driven)) for driven in self._driven]
-        self._ticks = 0
+        self._march: March | None = None
+        self._ticks = self._run.first
         self._wall = 0.0
         self._stop = False
         self._now: tuple[int, str, float, float] | None = None
@@ -166,12 +221,13 @@ class Loop:
         while not self._done.is_set():
             try:
                 self._done.wait(_POLL)
-                progress(self._ticks * self._run.step, self._run.steps * self._run.step)
+                done = self._march.tick if self._march is not None else self._ticks
+                progress(done * self._run.step, self._run.steps * self._run.step)
                 hung = self._hung()
                 if hung is not None:
                     break
             except KeyboardInterrupt:
-                self._stop = True
+                self._halt()
                 if self._pace is not None:
                     self._pace.stop()
         self._close(hung)
@@ -185,23 +241,42 @@ class Loop:
         )
         return Outcome(self._ticks, self._wall, error, warnings)
 
+    def _halt(self) -> None:
+        self._stop = True
+        if self._march is not None:
+            self._march.stop()
+
+    def _called(self) -> tuple[int, str, float, float] | None:
+        """See `_now`; for the watching thread."""
+        if self._march is None:
+            return self._now
+        called = self._march.called()
+        if called is None:
+            return None
+        index, tick, since = called
+        return index, "its step", tick * self._run.step, since
+
     def _hung(self) -> Part | None:
         """The part whose call has not come back in time, and that cannot be made to."""
-        now = self._now
+        now = self._called()
         if now is None:
             return None
         index, doing, t, since = now
         # Some time more: a call that comes back a little late reports itself, with its duration.
-        if time.perf_counter() - since <= self._limits[index] + 2 * _POLL or now is not self._now:
+        late = time.perf_counter() - since > self._limits[index] + 2 * _POLL
+        if not late or now != self._called():
             return None
         part = self._order[index]
         text = (
             f"part '{part.name}' did not come back from {doing} at t = {t:.6g} s within its "
             f"{self._limit_name} of {self._limits[index]:g} s. "
         )
-        self._stop = True  # if it comes back after all
+        self._halt()  # if it comes back after all
         self._error = PartError(part.name, t, f"{text}It is left hanging; the run ends here.")
         if not (isinstance(part, Killable) and part.kill()):
+            if self._march is not None:
+                with contextlib.suppress(RunError):  # the part's failure came first
+                    self._take(self._march)
             return part
         # The call comes back now, and with it the loop's own thread: nothing is left behind.
         self._error = PartError(part.name, t, f"{text}Its process was ended, and so is the run.")
@@ -212,9 +287,10 @@ class Loop:
             # Overflow in the finiteness test of _tick is what it looks for, no reason to warn.
             with np.errstate(all="ignore"):
                 self._start()
+                self._march = self._laid_out()
                 begun = time.perf_counter()
                 try:
-                    self._paced(self._tick)
+                    self._paced(self._tick if self._march is None else self._marched)
                 finally:
                     self._wall = time.perf_counter() - begun
         except BaseException as error:  # handed to the watching thread, which raises it
@@ -265,6 +341,68 @@ class Loop:
         width = self._width
         for at in range(width, len(self._history), width):
             self._history[at : at + width] = self._history[:width]
+        if self._since is not None:
+            self._history[:] = self._since.history
+
+    def moment(self) -> Moment:
+        """Where the run stands, now that `go` has come back."""
+        return Moment(self._ticks, self._history.copy())
+
+    def _laid_out(self) -> March | None:
+        """The run as native calls; None where it has to go tick by tick."""
+        self._now = None
+        if self._pace is not None or self._observe is not None:
+            return None
+        calls = plan(self._order)
+        if calls is None:
+            return None
+        return March(
+            calls,
+            self._sources,
+            self._inputs,
+            self._slices,
+            self._limits,
+            self._history,
+            self._width,
+            self._run.step,
+            self._run.first,
+            self._last,
+        )
+
+    def _marched(self) -> None:
+        march = self._march
+        assert march is not None
+        how = How.FULL
+        while how is How.FULL:
+            if self._stop:
+                march.stop()
+            how = march.go(self._recorder.room())
+            if self._error is not None:
+                return  # given up: another thread has taken what there was
+            self._take(march)
+        t = march.tick * self._run.step
+        if how is How.FAILED:
+            try:
+                march.blame()
+            except FaultError as error:
+                raise self._failed(march.part, t, error) from None
+        elif how is How.NOT_FINITE:
+            self._check_finite(march.part, t)
+        elif how is How.LATE:
+            raise self._late(march.part, "its step", t, march.took)
+        elif self._stop:
+            raise StoppedError(f"stopped by the user at t = {t:.6g} s")
+
+    def _take(self, march: March) -> None:
+        """Record what has been run since the last time."""
+        rows = march.tick - self._ticks
+        self._ticks = march.tick
+        if rows:
+            self._recorder.took(rows)
+
+    def _failed(self, index: int, t: float, error: FaultError) -> PartError:
+        name = self._order[index].name
+        return PartError(name, t, f"part '{name}' ended the run at t = {t:.6g} s: {error}")
 
     def _tick(self) -> None:
         history, width = self._history, self._width
@@ -286,7 +424,7 @@ class Loop:
         ]
         step, finite, pace = self._run.step, math.isfinite, self._pace
         observe = self._observe
-        k, last, spanned, h = 0, self._run.steps, 1, self._run.step
+        k, last, spanned, h = self._run.first, self._last, 1, self._run.step
         while k < last:
             t = k * step
             if pace is not None:
@@ -302,10 +440,7 @@ class Loop:
                 try:
                     advance(t, h)
                 except FaultError as error:
-                    name = self._order[index].name
-                    raise PartError(
-                        name, t, f"part '{name}' ended the run at t = {t:.6g} s: {error}"
-                    ) from None
+                    raise self._failed(index, t, error) from None
                 # The square is finite if every output is, unless one is beyond 1e154.
                 if not finite(dot(y)):
                     self._check_finite(index, t)
@@ -343,13 +478,16 @@ class Loop:
         _, doing, _, since = self._now
         took = time.perf_counter() - since
         if took > self._limits[index]:
-            name = self._order[index].name
-            raise PartError(
-                name,
-                t,
-                f"part '{name}' took {took:.3g} s for {doing} at t = {t:.6g} s, more than its "
-                f"{self._limit_name} of {self._limits[index]:g} s",
-            )
+            raise self._late(index, doing, t, took)
+
+    def _late(self, index: int, doing: str, t: float, took: float) -> PartError:
+        name = self._order[index].name
+        return PartError(
+            name,
+            t,
+            f"part '{name}' took {took:.3g} s for {doing} at t = {t:.6g} s, more than its "
+            f"{self._limit_name} of {self._limits[index]:g} s",
+        )
 
     def _close(self, hung: Part | None) -> None:
         """Free the parts, in a thread again: freeing can hang, too."""

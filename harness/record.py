@@ -13,11 +13,13 @@ import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pyarrow as pa
+from numpy.typing import NDArray
 from pyarrow import csv, parquet
 
 from harness.behind import BehindFile, write_all
@@ -35,6 +37,7 @@ __all__ = [
     "reason",
     "record_file",
     "replacing",
+    "values_of",
     "write_text",
 ]
 
@@ -44,6 +47,8 @@ OUTPUTS = (STREAM, PARQUET, CSV, METRICS, REPORT)
 CHUNK = 1000
 """Ticks per chunk of the stream: what a killed process loses at most."""
 
+_GROUP = 20 * CHUNK
+"""Ticks per row group of the Parquet file; small ones take three times as long."""
 _WORTHWHILE = 50  # ticks
 _END = b"\xff\xff\xff\xff\0\0\0\0"  # of an Arrow IPC stream
 
@@ -53,6 +58,9 @@ _ARROW: Mapping[PortType, pa.DataType] = {
     "Integer": pa.int32(),
     "Boolean": pa.bool_(),
 }
+
+
+_NUMPY: Mapping[PortType, type] = {"Real": np.float64, "Integer": np.int32, "Boolean": np.bool_}
 
 
 @dataclass(frozen=True)
@@ -121,7 +129,19 @@ class Recorder:
             RecordError: the disk does not take another chunk.
         """
         self._chunk[self._filled] = signals
-        self._filled += 1
+        self.took(1)
+
+    def room(self) -> FloatArray:
+        """Where rows of signals may be written, (n, len(columns)), n > 0; say then `took`."""
+        return self._chunk[self._filled :]
+
+    def took(self, rows: int) -> None:
+        """Record the first rows of `room`.
+
+        Raises:
+            RecordError: the disk does not take another chunk.
+        """
+        self._filled += rows
         if self._filled == CHUNK:
             self.flush()
 
@@ -161,7 +181,8 @@ class Recorder:
         values = np.ascontiguousarray(self._chunk[:n].T)
         # Buffers as they are: a conversion of each column takes ten times as long.
         buffer, width = pa.py_buffer(values), n * values.itemsize
-        arrays = [pa.array(times)]
+        # Nor `pa.array`, which loads Pandas where there is one, for half a second.
+        arrays = [pa.Array.from_buffers(_ARROW["Real"], n, [None, pa.py_buffer(times)])]
         for index, column in enumerate(self._columns):
             held = buffer.slice(index * width, width)
             if column.type == "Integer":
@@ -195,9 +216,11 @@ class Recorder:
         for field in beside.schema if beside is not None else ():
             schema = schema.append(field)
         try:
-            with replacing(target) as part, parquet.ParquetWriter(part, schema) as writer:
-                for batch in self._widened(beside):
-                    writer.write_table(batch.cast(schema))
+            # Measured values hardly repeat: looking for those that do takes longer than writing.
+            writing = partial(parquet.ParquetWriter, schema=schema, use_dictionary=False)
+            with replacing(target) as part, writing(part) as writer:
+                for table in self._widened(beside):
+                    writer.write_table(table.cast(schema))
         except OSError as error:
             size = self.stream.stat().st_size / 1e6
             raise RecordError(
@@ -218,7 +241,7 @@ class Recorder:
     def _widened(self, beside: pa.Table | None) -> Iterator[pa.Table]:
         """The stream's chunks in larger ones, with more columns."""
         done = 0
-        for batches in _grouped(_batches(self.stream), CHUNK):
+        for batches in _grouped(_batches(self.stream), _GROUP):
             table = pa.Table.from_batches(batches)
             if beside is not None:
                 for name, column in zip(
@@ -351,12 +374,31 @@ def read_table(file: Path) -> pa.Table:
     """
     try:
         if file.suffix == Path(PARQUET).suffix:
-            return parquet.read_table(file)
+            # Not `parquet.read_table`: it looks for data sets of many files, and loads Pandas.
+            with parquet.ParquetFile(file) as whole:
+                return whole.read()
         with pa.OSFile(str(file), "rb") as source:
             schema = pa.ipc.open_stream(source).schema
         return pa.Table.from_batches(_batches(file), schema)
     except (pa.ArrowException, OSError) as error:
         raise SteadytipError(f"{file} is not a record of a run: {error}") from None
+
+
+def values_of(column: pa.ChunkedArray) -> NDArray[Any]:
+    """(n,) values of a column without gaps; `to_numpy` would load Pandas where there is one."""
+    kind = next((k for k, arrow in _ARROW.items() if arrow == column.type), None)
+    if kind is None or column.null_count:
+        return np.asarray(column.to_numpy())
+    none: NDArray[Any] = np.empty(0, _NUMPY[kind])
+    return np.concatenate([none, *(_piece(chunk, kind) for chunk in column.chunks if len(chunk))])
+
+
+def _piece(chunk: pa.Array, kind: PortType) -> NDArray[Any]:
+    first, last = chunk.offset, chunk.offset + len(chunk)
+    if kind == "Boolean":
+        bits = np.frombuffer(chunk.buffers()[1], np.uint8)
+        return np.unpackbits(bits, count=last, bitorder="little")[first:].astype(bool)
+    return np.frombuffer(chunk.buffers()[1], _NUMPY[kind], count=last)[first:]
 
 
 def read_facts(table: pa.Table) -> dict[str, Any]:

@@ -7,12 +7,20 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
 from harness.errors import SteadytipError, nearest
-from harness.record import METRICS, REPORT, read_facts, read_table, record_file, replacing
+from harness.record import (
+    METRICS,
+    REPORT,
+    read_facts,
+    read_table,
+    record_file,
+    replacing,
+    values_of,
+)
 from harness.system import matching
 
 if TYPE_CHECKING:
@@ -22,7 +30,29 @@ if TYPE_CHECKING:
     from harness.metrics import Metric
     from harness.parts import FloatArray
 
-__all__ = ["Result", "read"]
+__all__ = ["Result", "Signals", "read"]
+
+
+class Signals(Protocol):
+    """What figures of merit are computed from: see `Result`, which is one."""
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """About the run."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(n,) instants of the samples [s]."""
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of what `signals` gives."""
+
+    def signals(self, name: str) -> FloatArray:
+        """(n,) a signal by name."""
+
+    def role(self, role: str) -> FloatArray | None:
+        """(n, columns) signals that play a role; None without one."""
 
 
 class Result:
@@ -64,7 +94,12 @@ class Result:
     @cached_property
     def time(self) -> FloatArray:
         """(n,) instants of the samples [s]."""
-        return np.asarray(self.table.column("time").to_numpy())
+        return values_of(self.table.column("time"))
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of all columns."""
+        return list(self.table.column_names)
 
     def signals(self, name: str) -> FloatArray:
         """Signals by name.
@@ -91,7 +126,7 @@ class Result:
         return self._columns(names) if names else None
 
     def _columns(self, names: Any) -> FloatArray:
-        return np.column_stack([self.table.column(n).to_numpy().astype(float) for n in names])
+        return np.column_stack([values_of(self.table.column(n)).astype(float) for n in names])
 
     @cached_property
     def metrics(self) -> Mapping[str, Metric]:

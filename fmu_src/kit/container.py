@@ -183,13 +183,9 @@ class Container(Model):
     def lines(self) -> dict[tuple[str, str], tuple[int, int, int]]:
         """Of each delayed output: its place in y, the first in x, and for how many ticks."""
         outputs = self._output_places()
-        depth: dict[tuple[str, str], int] = {}
-        for link in self.links:
-            if link.delay:
-                depth[link.source] = max(depth.get(link.source, 0), link.delay)
         found = {}
         at = self.slices[-1].x.stop
-        for source, ticks in depth.items():
+        for source, ticks in _delayed(self.links).items():
             found[source] = (outputs[source], at, ticks)
             at += ticks
         return found
@@ -295,10 +291,6 @@ def contain(
     """
     _check(name, members, links, sample_period)
     driven = {link.target for link in links}
-    depth: dict[tuple[str, str], int] = {}
-    for link in links:
-        if link.delay:
-            depth[link.source] = max(depth.get(link.source, 0), link.delay)
     outputs = {
         (member.name, scalar.name): _narrowed(member, scalar, members, links)
         for member in members
@@ -319,7 +311,7 @@ def contain(
             shape=ticks,
             listed=False,
         )
-        for source, ticks in depth.items()
+        for source, ticks in _delayed(links).items()
     }
     states = {member.name: _unlisted(member.model.state) for member in members}
     found = Container(
@@ -352,6 +344,15 @@ def contain(
             raise SteadytipError(
                 f"container {name}: two variables would be called '{twice[0]}'; rename a part"
             )
+    return found
+
+
+def _delayed(links: Sequence[Link]) -> dict[tuple[str, str], int]:
+    """Outputs that arrive later, with the longest of their delays [ticks]."""
+    found: dict[tuple[str, str], int] = {}
+    for link in links:
+        if link.delay:
+            found[link.source] = max(found.get(link.source, 0), link.delay)
     return found
 
 

@@ -6,6 +6,7 @@ Together with `shell.c` they are the whole FMU: `fmu.c` includes the other three
 import math
 import re
 import tempfile
+import textwrap
 from collections import Counter
 from collections.abc import Collection, Sequence
 from functools import cache, partial
@@ -162,6 +163,13 @@ def _spans(fields: list[Field], first: int) -> list[tuple[int, int, int]]:
     return found
 
 
+def _bounds(name: str, spans: Sequence[tuple[int, int, int]], fields: Sequence[Field]) -> str:
+    limited = [field for start, end, loose in spans if not loose for field in fields[start:end]]
+    values = [_bound(field.min if name == "low" else field.max) for field in limited]
+    rows = textwrap.fill(", ".join([*values, "0"]), 100)
+    return f"static const double {name.upper()}[] = {{\n{rows}\n}};"
+
+
 def _pairs(name: str, pairs: Sequence[tuple[int, int]]) -> str:
     rows = ", ".join(f"{{{a}, {b}}}" for a, b in [*pairs, (0, 0)])
     return f"static const int {name}[][2] = {{{rows}}};"
@@ -213,11 +221,13 @@ def header(model: Model, guid: str) -> str:
         "};",
         "/* Where the seed of a stream of draws lies, and how many it gives a sample. */",
         _pairs("STREAM", model.streams),
-        "/* Runs of computed values that are looked at one by one, or together. */",
+        "/* Runs of computed values that have limits, or none. */",
         "static const struct { int from, to, loose; } SPAN[N_SPANS + 1] = {",
         *(f"    {{{', '.join(map(str, span))}}}," for span in spans),
         "    {0, 0, 0}",
         "};",
+        "/* Limits of those that have them, one after the other. */",
+        *(_bounds(name, spans, every) for name in ("low", "high")),
         "/* Outputs and the states that they are put into when initialisation ends. */",
         _pairs("LATCH", latches),
     ]

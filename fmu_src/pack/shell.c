@@ -346,12 +346,19 @@ static int all_finite(const Real *x, int n) {
     return isfinite(sum[0]);
 }
 
+/* Whether values are surely within limits that lie close together. */
+static int surely_within(const Real *x, const double *low, const double *high, int n) {
+    int i, outside = 0;
+    for (i = 0; i < n; i++) outside |= !(x[i] >= low[i]) | !(x[i] <= high[i]);
+    return !outside;
+}
+
 /* One sample into y_next and x_next, which follow each other as AT_Y and AT_X do; the instance
  * itself is not changed. */
 static fmi2Status sample(Instance *c, const char *where, int starting) {
     const Real *arg[SZ_ARG + 1], *computed = c->y_next;
     Real *res[SZ_RES + 1];
-    int i, span;
+    int i, span, limited = 0;
     lay_out(c, arg);
     res[0] = c->y_next + N_Y;
     res[1] = c->y_next;
@@ -359,9 +366,11 @@ static fmi2Status sample(Instance *c, const char *where, int starting) {
     else MODEL_STEP(arg, res, c->iwork, c->work, 0);
     computed -= AT_Y;
     for (span = 0; span < N_SPANS; span++) {
-        const int from = SPAN[span].from, to = SPAN[span].to;
-        /* Values without limits are looked at one by one only where something is wrong. */
-        if (SPAN[span].loose && all_finite(computed + from, to - from)) continue;
+        const int from = SPAN[span].from, to = SPAN[span].to, n = to - from, at = limited;
+        if (!SPAN[span].loose) limited += n;
+        /* One by one only where something is wrong, or in doubt. */
+        if (SPAN[span].loose ? all_finite(computed + from, n)
+                             : surely_within(computed + from, LOW + at, HIGH + at, n)) continue;
         for (i = from; i < to; i++) {
             if (!within(&VARIABLE[i], computed[i])) {
                 begin(c, where);

@@ -35,6 +35,7 @@ from harness.analyze.probing import (
 from harness.errors import ProblemsError, SteadytipError
 from harness.metrics import TREMOR_BAND
 from harness.parts import FloatArray
+from harness.record import values_of
 from harness.runs import run
 from harness.scenario import Scenario
 from harness.system import System
@@ -135,7 +136,7 @@ def operate(
             progress=lambda done, whole: progress((number + done / whole) / RUNS, name),
         )
         names = tuple(result.table.column_names[1:])
-        columns = [result.table.column(name).to_numpy().astype(float) for name in names]
+        columns = [values_of(result.table.column(name)).astype(float) for name in names]
         return names, np.column_stack(columns)
 
     names, signals = once("the loop as it is", motion)

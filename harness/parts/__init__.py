@@ -111,11 +111,13 @@ class Run:
         step: period of the loop [s].
         steps: number of ticks.
         workspace: folder for files of this run only, removed at its end.
+        first: tick that the run goes on from; 0 at its beginning. See `Reusable`.
     """
 
     step: float
     steps: int
     workspace: Path
+    first: int = 0
 
 
 class Part(Protocol):
@@ -205,6 +207,102 @@ class Restorable(Protocol):
 
     def free(self, saved: Any) -> None:
         """Give a saved state back."""
+
+
+@runtime_checkable
+class Reusable(Protocol):
+    """A part that perhaps can be started more than once.
+
+    Attributes:
+        kept: whether `close` leaves everything as it is for another `start`. That one begins
+            anew, bit for bit as a new part would; or, with `Run.first` above 0, it goes on from
+            the state that the part is in. One that is not `Restorable` has no state but the time.
+    """
+
+    kept: bool
+
+    def can_pause(self) -> bool:
+        """Whether a run can go on from its state by another `start`."""
+
+    def release(self) -> None:
+        """Free what `close` has left."""
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """A part some of whose parameters, and inputs that nothing drives, can be set in a run."""
+
+    def trouble_with(self, name: str, value: Any) -> str:
+        """Why a value cannot be set in a run; empty if it can."""
+
+    def adjust(self, values: Mapping[str, Any]) -> None:
+        """Set values, between two steps.
+
+        Raises:
+            FaultError: one is refused.
+        """
+
+
+@dataclass(frozen=True)
+class Access:
+    """One call of a tick that passes values of one type: `fmi2SetReal` and its kin.
+
+    Attributes:
+        function: its address.
+        references: address of the value references.
+        count: of values.
+        values: address of the values as doubles, whatever the type.
+        integers: address of C ints that Integer and Boolean pass through; 0 for Real.
+    """
+
+    function: int
+    references: int
+    count: int
+    values: int
+    integers: int
+
+
+@dataclass(frozen=True)
+class Calls:
+    """What a tick calls in an FMU: the setters, `fmi2DoStep`, the getters.
+
+    Attributes:
+        component: the FMU's own pointer.
+        set: from the `u` of `Part.start`.
+        do_step: address of the function.
+        never_returns: its last argument.
+        get: to the `y` of `Part.start`.
+        blame: told the index of a call and its status above Warning, it raises the FaultError.
+    """
+
+    component: int
+    set: tuple[Access, ...]
+    do_step: int
+    never_returns: int
+    get: tuple[Access, ...]
+    blame: Callable[[int, int], None]
+
+
+@dataclass(frozen=True)
+class Rows:
+    """Outputs that are known beforehand.
+
+    Attributes:
+        values: (ticks, outputs) one row for each tick; the last one stays.
+    """
+
+    values: FloatArray
+
+
+@runtime_checkable
+class Marching(Protocol):
+    """A part that perhaps goes without Python, so that many ticks are one native call."""
+
+    def march(self) -> Calls | Rows | None:
+        """Once it is started: what `advance` does, to the same bits; None if that cannot be said.
+
+        A class that changes what `advance` does has to change this, too.
+        """
 
 
 class Kind(Protocol):

@@ -14,7 +14,7 @@ import sys
 import zipfile
 from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -33,6 +33,8 @@ _PORT_TYPES: dict[str, PortType] = {
     "Boolean": "Boolean",
 }
 _XML = "modelDescription.xml"
+_KEPT = 32
+"""Descriptions that are kept."""
 _EXPONENTS = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 
 
@@ -46,6 +48,7 @@ class Variable:
         type: `Real`, `Integer`, `Boolean` or `String`.
         causality: `parameter`, `input`, `output`, ...
         settable: whether a scenario may give it a start value.
+        tunable: whether it may be set during a run: a tunable parameter, or an input.
         start: as declared; None where there is none.
         unit: name, empty without one.
         low: declared minimum, -inf without one.
@@ -58,6 +61,7 @@ class Variable:
     type: str
     causality: str
     settable: bool
+    tunable: bool
     start: float | int | bool | str | None
     unit: str
     low: float
@@ -177,13 +181,23 @@ def platform_folders() -> list[str]:
 
 
 def describe(path: Path) -> Description:
-    """Read an FMU's description.
+    """Read an FMU's description; once for several parts that run the same file.
 
     Raises:
         SteadytipError: the file is missing, no FMU, broken, hostile, or not FMI 2.0 co-simulation.
     """
-    if not path.exists():
-        raise SteadytipError(f"FMU {path} does not exist")
+    try:
+        state = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise SteadytipError(f"FMU {path} does not exist") from None
+    except OSError as error:
+        raise SteadytipError(f"FMU {path} cannot be read: {error.strerror}") from None
+    # A file that is replaced or changed has another of these.
+    return _described(path, (state.st_ino, state.st_size, state.st_mtime_ns))
+
+
+@lru_cache(maxsize=_KEPT)
+def _described(path: Path, _state: tuple[int, int, int]) -> Description:
     try:
         members = archives.members(path)
         if _XML not in members:
@@ -237,6 +251,8 @@ def _variable(v: ModelVariable) -> Variable:
         type=kind,
         causality=v.causality,
         settable=settable and v.variability != "constant",
+        tunable=v.causality == "input"
+        or (v.causality == "parameter" and v.variability == "tunable"),
         start=_start(kind, v.start),
         unit=_inherited(v, "unit"),
         low=float(low) if low else -math.inf,

@@ -31,7 +31,7 @@ from fmpy.fmi2 import (
 from fmu_src.kit import range_text
 from harness.archives import ArchiveError, extract
 from harness.errors import FaultError
-from harness.parts import FloatArray
+from harness.parts import Access, Calls, FloatArray
 from harness.parts.description import Description, Variable
 
 OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
@@ -39,6 +39,7 @@ _STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
 _KEPT_MESSAGES = 20
 _QUOTED_MESSAGES = 3
 _TYPES = ("Real", "Integer", "Boolean")
+_NOT_RUN = ("documentation", "sources")
 
 Stepper = Callable[[float, float], None]
 
@@ -80,7 +81,9 @@ def _callbacks(environment: int) -> fmi2CallbackFunctions:
 
 
 def unpack(description: Description, workspace: Path) -> Path:
-    """Extract an FMU below the workspace, once per content.
+    """Extract an FMU below the workspace, once per content, without what no run needs.
+
+    That is documentation, sources and binaries for other machines: most of an FMU.
 
     Raises:
         FaultError: the archive is damaged or hostile, or the disk is full.
@@ -88,8 +91,14 @@ def unpack(description: Description, workspace: Path) -> Path:
     folder = workspace / description.sha256[:16]
     if folder.exists():
         return folder
+    ours = f"{description.binary().rpartition('/')[0]}/"
+
+    def wanted(member: str) -> bool:
+        top = member.partition("/")[0]
+        return member.startswith(ours) if top == "binaries" else top not in _NOT_RUN
+
     try:
-        extract(description.path, folder)
+        extract(description.path, folder, wanted=wanted)
     except ArchiveError as error:
         raise FaultError(str(error)) from None
     return folder
@@ -109,6 +118,7 @@ class Instance:
         self._messages = _logs.setdefault(self._environment, deque(maxlen=_KEPT_MESSAGES))
         self._status = OK
         self.warnings: tuple[str, ...] = ()
+        self.calls: Calls | None = None
         self._alive: list[Any] = []
         folder = unpack(description, workspace)
         try:
@@ -166,6 +176,8 @@ class Instance:
     ) -> Stepper:
         """Make the function of one tick, and read the outputs once into `y`.
 
+        What that function does is in `calls` for those who do the same without Python.
+
         Args:
             driven: names of inputs, Real ones first, then Integer, then Boolean.
             u: (len(driven),) where their values will be.
@@ -176,6 +188,7 @@ class Instance:
         Returns:
             `advance(t, h)`; it raises FaultError.
         """
+        self._alive.clear()  # of an earlier stepper, which is not called any more
         setters = self._accessors("Set", [self._description.variables[n] for n in driven], u)
         outputs = [self._description.variables[port.name] for port in self._description.outputs]
         getters = self._accessors("Get", outputs, y)
@@ -184,6 +197,21 @@ class Instance:
         do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]
         refused, failed = self._refused, self._failed
         never_returns = int(not returns)
+
+        def blame(call: int, status: int) -> None:
+            if call < len(setters):
+                refused(driven, u, status)
+            names = ["DoStep", *(g[0].__name__.removeprefix("fmi2") for g in getters)]
+            failed(names[call - len(setters)], status)
+
+        self.calls = Calls(
+            component=component,
+            set=_addresses(setters),
+            do_step=_address(do_step),
+            never_returns=never_returns,
+            get=_addresses(getters),
+            blame=blame,
+        )
 
         def read() -> None:
             for function, references, count, pointer, values, buffer in getters:
@@ -207,6 +235,30 @@ class Instance:
 
         read()
         return advance
+
+    @property
+    def worn(self) -> bool:
+        """Whether an error has left it in a state that nobody should go on from."""
+        return self._status >= ERROR
+
+    def reset(self) -> None:
+        """Go back to how it was after instantiation; `begin` is to come again.
+
+        Raises:
+            FaultError: the FMU does not do it.
+        """
+        self._call("Reset", self._fmu.reset)
+        self._messages.clear()
+        self._status = OK
+
+    def adjust(self, values: Mapping[str, Any]) -> None:
+        """Set tunable parameters and inputs, between two steps.
+
+        Raises:
+            FaultError: the FMU refuses a value.
+        """
+        for name, value in values.items():
+            self._set_one(self._description.variables[name], value)
 
     def save(self) -> fmi2FMUstate:
         """Ask the FMU for a copy of its state; `free` gives it back.
@@ -326,6 +378,23 @@ class Instance:
         texts = [message.text for message in self._messages if message.status >= WARNING]
         said = list(dict.fromkeys(texts))
         return f". The FMU says: {' | '.join(said[-_QUOTED_MESSAGES:])}" if said else ""
+
+
+def _address(function: Any) -> int:
+    return ctypes.cast(function, ctypes.c_void_p).value or 0
+
+
+def _addresses(accessors: Sequence[tuple[Any, ...]]) -> tuple[Access, ...]:
+    return tuple(
+        Access(
+            function=_address(function),
+            references=references,
+            count=count,
+            values=values.ctypes.data,
+            integers=0 if buffer is None else buffer.ctypes.data,
+        )
+        for function, references, count, _, values, buffer in accessors
+    )
 
 
 def _status_name(status: int) -> str:

@@ -17,8 +17,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.errors import FaultError, ProblemsError, SteadytipError, nearest
-from harness.parts import FloatArray, Port, PortType, Run, Settings, unit_of
-from harness.record import read_table
+from harness.parts import FloatArray, Port, PortType, Rows, Run, Settings, unit_of
+from harness.record import read_table, values_of
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
 
@@ -72,11 +72,12 @@ class RecordedPart:
             for field in fields
         ]
         self._values = np.column_stack(
-            [table.column(field.name).to_numpy().astype(float) for field in fields]
+            [values_of(table.column(field.name)).astype(float) for field in fields]
         )
-        self._time = table.column("time").to_numpy()
+        self._time = values_of(table.column("time"))
         step = self._time[1] - self._time[0] if len(self._time) > 1 else np.inf
         self.seconds = float(len(self._time) * step)
+        self.kept = False
 
     @classmethod
     def prepare(
@@ -105,6 +106,17 @@ class RecordedPart:
     def advance(self, t: float, h: float) -> None:
         """Put out the row of `t`; see `harness.parts.Part.advance`."""
         self._y[:] = self._values[min(round(t / h), len(self._values) - 1)]
+
+    def can_pause(self) -> bool:
+        """See `harness.parts.Reusable`: what it puts out depends on the time alone."""
+        return True
+
+    def release(self) -> None:
+        """Nothing has to be freed."""
+
+    def march(self) -> Rows:
+        """See `harness.parts.Marching`."""
+        return Rows(self._values)
 
     def close(self) -> None:
         """Nothing has to be freed."""

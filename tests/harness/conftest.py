@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 from fmpy import sharedLibraryExtension
 
+from harness import march
 from harness.parts.description import platform_folders
 
 HERE = Path(__file__).parent
@@ -85,6 +86,16 @@ def write_scenario(tmp_path: Path, probe: Path) -> WriteScenario:
         return path
 
     return write
+
+
+@pytest.fixture(params=["native", "python"])
+def tick(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
+    """How the loop goes: many ticks in one native call, or each in Python."""
+    if request.param == "python":
+        monkeypatch.setattr("harness.march.library", lambda: None)
+    else:
+        assert march.library() is not None
+    return request.param
 
 
 @pytest.fixture

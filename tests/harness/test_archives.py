@@ -14,7 +14,7 @@ from harness import archives
 from harness.archives import ArchiveError, extract, members, read
 from harness.errors import FaultError, SteadytipError
 from harness.parts.description import describe
-from harness.parts.fmi import Instance
+from harness.parts.fmi import Instance, unpack
 from harness.xmlfiles import parse_xml
 
 from .conftest import HERE, PackProbe
@@ -62,6 +62,31 @@ HOSTILE = {
     "b\x01": "character",
     "what?": "character",
 }
+
+
+def test_what_is_not_wanted_is_judged_all_the_same(tmp_path):
+    path = packed(tmp_path / "a.zip", ("a.txt", b"one"), ("b.txt", b"two"))
+    assert extract(path, tmp_path / "out", wanted=lambda name: name == "b.txt") == ["b.txt"]
+    assert everything_below(tmp_path / "out") == {"b.txt"}
+    path = packed(tmp_path / "b.zip", ("a.txt", b"one"), ("../b.txt", b"two"))
+    with pytest.raises(ArchiveError, match="step in its path"):
+        extract(path, tmp_path / "other", wanted=lambda name: name == "a.txt")
+
+
+def test_a_run_unpacks_only_what_it_needs(pack_probe: PackProbe, tmp_path):
+    path = pack_probe()
+    with zipfile.ZipFile(path, "a") as archive:
+        for name in ("documentation/a.html", "sources/a.c", "binaries/vax64/a.so"):
+            archive.writestr(name, b"not needed")
+        for name in ("resources/table.csv", "extra/tool/settings.xml", "binaries/readme.txt"):
+            archive.writestr(name, b"perhaps needed")
+    description = describe(path)
+    folder = unpack(description, tmp_path)
+    names = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()}
+    assert names == {
+        *("modelDescription.xml", "resources/table.csv", "extra/tool/settings.xml"),
+        description.binary(),
+    }
 
 
 @pytest.mark.parametrize(("name", "text"), HOSTILE.items())

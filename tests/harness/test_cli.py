@@ -40,6 +40,23 @@ def test_help_imports_nothing_heavy():
     assert not loaded & {"numpy", "scipy", "casadi", "fmpy", "pyarrow", "plotly", "pydantic"}
 
 
+def test_what_only_metrics_and_report_need_is_not_loaded_before_the_first_step(
+    write_scenario: WriteScenario, tmp_path
+):
+    code = (
+        "import sys, harness.loop as loop; begin = loop.Loop._laid_out\n"
+        "loop.Loop._laid_out = lambda self: print('loaded', *sys.modules) or begin(self)\n"
+        "from harness.cli import main; main()"
+    )
+    path = write_scenario("[part.a]\nfmu = PROBE\n", head="seconds = 0.01\nstep = 1e-3\n")
+    command = [sys.executable, "-c", code, "run", str(path), "--out", str(tmp_path / "out")]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    (line,) = [text for text in done.stdout.splitlines() if text.startswith("loaded ")]
+    loaded = set(line.split())
+    assert "pyarrow" in loaded
+    assert not loaded & {"scipy", "plotly", "pandas", "jinja2", "harness.metrics"}
+
+
 def test_a_folder_of_recordings_is_run_one_by_one_and_compared(
     data_dir, monkeypatch, capsys, tmp_path
 ):

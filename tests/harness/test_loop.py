@@ -28,6 +28,9 @@ fmu = PROBE
 """
 
 
+each_tick = pytest.mark.usefixtures("tick")
+
+
 def run(path: Path, tmp_path: Path, **more) -> harness.Result:
     return harness.run(path, out=tmp_path / "out", report=False, **more)
 
@@ -47,6 +50,7 @@ to = "bad.add"
 """
 
 
+@each_tick
 def test_a_wire_without_delay_arrives_in_the_same_tick(write_scenario: WriteScenario, tmp_path):
     wire = '[[wire]]\nfrom = "early.count"\nto = "late.add"\n'
     result = run(write_scenario(TWO + wire), tmp_path)
@@ -56,6 +60,7 @@ def test_a_wire_without_delay_arrives_in_the_same_tick(write_scenario: WriteScen
     assert np.allclose(result.time, np.arange(1000) * 1e-3, rtol=0, atol=1e-12)
 
 
+@each_tick
 @settings(
     deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture]
 )
@@ -74,6 +79,7 @@ def test_a_delayed_wire_gives_the_value_of_that_many_ticks_ago(delays, write_sce
         assert np.array_equal(heard, np.concatenate([np.zeros(delay), source[:-delay]]))
 
 
+@each_tick
 def test_a_delayed_ring_of_parts_integrates(write_scenario: WriteScenario, tmp_path):
     """Each part adds the other's count of the tick before: the result is a sum of naturals.
 
@@ -92,6 +98,7 @@ def test_a_delayed_ring_of_parts_integrates(write_scenario: WriteScenario, tmp_p
     assert np.array_equal(result.signals("late.count"), late)
 
 
+@each_tick
 def test_start_values_reach_the_fmu_and_boolean_ports_pass(write_scenario, tmp_path):
     text = """
 [part.a]
@@ -124,6 +131,7 @@ def test_each_part_gets_its_own_seed_from_the_scenarios(write_scenario, tmp_path
     assert run(path, tmp_path).facts["parts"] == first
 
 
+@each_tick
 @pytest.mark.parametrize(
     ("mode", "text"),
     [
@@ -145,6 +153,7 @@ def test_a_part_that_misbehaves_ends_the_run_by_name_and_time(mode, text, write_
     assert harness.read(tmp_path / "out").time[-1] == pytest.approx(0.499)
 
 
+@each_tick
 def test_nan_is_not_handed_on_to_the_next_part(write_scenario, tmp_path):
     """The next part would refuse the value and be blamed for it."""
     text = misbehaving("gives_nan") + '[[wire]]\nfrom = "bad.y"\nto = "good.u"\ndelay = 1\n'
@@ -153,6 +162,7 @@ def test_nan_is_not_handed_on_to_the_next_part(write_scenario, tmp_path):
         run(write_scenario(text), tmp_path)
 
 
+@each_tick
 def test_a_part_that_hangs_ends_the_run_within_its_limit(write_scenario, tmp_path):
     path = write_scenario(misbehaving("hangs", extra="step_limit = 1.0"))
     begun = time.perf_counter()
@@ -164,6 +174,7 @@ def test_a_part_that_hangs_ends_the_run_within_its_limit(write_scenario, tmp_pat
     assert len(caught.value.result.time) == 500
 
 
+@each_tick
 def test_a_step_that_takes_too_long_ends_the_run(write_scenario, tmp_path, monkeypatch):
     monkeypatch.setattr("harness.loop._POLL", 1.0)  # the watching thread looks away
     path = write_scenario(misbehaving("is_slow", extra="step_limit = 1.0"))
@@ -185,6 +196,7 @@ def test_a_part_that_does_not_initialise_is_named_with_its_own_words(write_scena
     assert list((tmp_path / "out").iterdir()) == []
 
 
+@each_tick
 def test_an_input_that_is_refused_is_named_with_value_unit_and_the_fmus_words(
     write_scenario, tmp_path
 ):
@@ -308,9 +320,10 @@ def test_a_kind_of_part_from_elsewhere_takes_part(tmp_path, monkeypatch, write_s
     assert (result.signals("r.peak") == 0.0).all()
 
 
-def test_ctrl_c_ends_the_run_in_order(write_scenario, tmp_path):
+@pytest.mark.parametrize("patch", ["", "harness.march.library = lambda: None; "])
+def test_ctrl_c_ends_the_run_in_order(patch, write_scenario, tmp_path):
     path = write_scenario(TWO, head="seconds = 3600.0\nstep = 1e-3\n")
-    code = "from harness.cli import main; main()"
+    code = f"import harness.march; {patch}from harness.cli import main; main()"
     process = subprocess.Popen(
         [
             sys.executable,

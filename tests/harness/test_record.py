@@ -10,12 +10,15 @@ import time
 from pathlib import Path
 
 import numpy as np
+import pyarrow as pa
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from pyarrow import csv
 
 import harness
 from harness.errors import RecordError, SteadytipError
-from harness.record import CHUNK, Column, Recorder
+from harness.record import _ARROW, CHUNK, Column, Recorder, values_of
 
 ROOT = Path(__file__).parents[2]
 ONE = "[part.a]\nfmu = PROBE\n[part.b]\nfmu = PROBE\nu = 0.1\ngain = 3.0\n"
@@ -207,3 +210,19 @@ def test_an_unknown_signal_is_answered_with_the_nearest(tmp_path):
     recorded(tmp_path, 3).finish({})
     with pytest.raises(SteadytipError, match=r"no signal 'a\.yy'; did you mean 'a\.y'\?"):
         harness.read(tmp_path).signals("a.yy")
+
+
+@settings(deadline=None)
+@given(data=st.data(), kind=st.sampled_from(["Real", "Integer", "Boolean"]))
+def test_values_of_a_column_are_those_of_arrow(data, kind):
+    """Whatever the chunks, and slices of them, that a column is made of."""
+    element = {"Real": st.floats(), "Integer": st.integers(-(2**31), 2**31 - 1)}
+    lists = st.lists(st.lists(element.get(kind, st.booleans()), max_size=20), max_size=4)
+    chunks = [pa.array(values, _ARROW[kind]) for values in data.draw(lists)]
+    column = pa.chunked_array(chunks, _ARROW[kind])
+    first = data.draw(st.integers(0, len(column)))
+    column = column.slice(first, data.draw(st.integers(0, len(column) - first)))
+    found, expected = values_of(column), column.to_numpy()
+    assert found.dtype == expected.dtype
+    assert np.array_equal(found, expected, equal_nan=kind == "Real")
+    assert found.flags.writeable

@@ -60,6 +60,7 @@ typedef struct {
 } Variable;
 static const Variable VARIABLE[1] = {{"", "", STRING, 0, 0, 0, 0, ""}};
 static const int STREAM[1][2] = {{0, 0}}, LATCH[1][2] = {{0, 0}};
+static const double LOW[1] = {0}, HIGH[1] = {0};
 static const struct { int from, to, loose; } SPAN[1] = {{0, 0, 0}};
 """
 
