@@ -377,3 +377,15 @@ def test_ctrl_c_between_two_runs_keeps_what_there_is(small, tmp_path, monkeypatc
     with pytest.raises(StoppedError, match="4 of 12 runs are in"):
         swept(path, folder, seeds=[1])
     assert read(folder).table.num_rows == 4
+
+
+@pytest.mark.slow
+def test_figures_of_speed_are_sane():
+    from harness.sweep.speed import figures
+
+    found = {each.quantity: each for each in figures(runs=4, seconds=1.5, repeats=1)}
+    assert len(found) == 5
+    assert all(each.measured > 0.0 for each in found.values())
+    # Not how fast, but that both count the same things.
+    rates = [found[f"sweep, {n}"].measured for n in ("1 worker", "2 workers")]
+    assert 0.3 < rates[1] / rates[0] < 6.0
