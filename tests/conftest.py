@@ -1,6 +1,7 @@
 """What several folders of tests share: where the recordings are, and each model in one process."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -20,6 +21,14 @@ def by_model() -> list[Any]:
     built, described and unpacked once.
     """
     return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in model_names()]
+
+
+@pytest.fixture
+def nothing_kept() -> Iterator[None]:
+    """All that is built is made anew."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fmu_src.pack.store.recall", lambda folder, key, make, *_: make())
+        yield
 
 
 @pytest.fixture(scope="session")

@@ -1,23 +1,18 @@
 """Find the models and build their FMUs, each only when its content has changed."""
 
 import difflib
-import hashlib
 import importlib
-import importlib.metadata
 import pkgutil
 import sys
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
-import fmu_src
-import plants
 from fmu_src.kit import Model, SteadytipError
-from fmu_src.pack import archive, native
+from fmu_src.pack import archive, native, sources, store
 
 FLAVOURS = ("native", "python")
-_PACKAGES = (fmu_src, plants)
 _NOT_MODELS = ("fmu_src.kit", "fmu_src.pack")
 _BUILD = Path("build")
 
@@ -26,7 +21,7 @@ _BUILD = Path("build")
 def _modules() -> dict[str, str]:
     """Module of each model, by the model's name; a module with a `MODEL` is one."""
     found = {}
-    for package in _PACKAGES:
+    for package in sources.PACKAGES:
         for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
             if info.ispkg or info.name.startswith(_NOT_MODELS):
                 continue
@@ -47,6 +42,10 @@ def load_model(name: str) -> Model:
     Raises:
         SteadytipError: there is none; names the nearest.
     """
+    for home in sources.homes(name):
+        found = getattr(importlib.import_module(home), "MODEL", None)
+        if isinstance(found, Model) and found.name == name:
+            return found
     modules = _modules()
     if name not in modules:
         near = difflib.get_close_matches(name, modules, 1)
@@ -65,9 +64,9 @@ def build(
 ) -> dict[str, Path]:
     """Build FMUs that are missing or older than their content.
 
-    A stamp beside each FMU holds a digest of all sources, so that an FMU known to be up to date
-    costs no import of its model, and the GUID, so that it is compiled again only when its own
-    content has changed.
+    A stamp beside each FMU holds a digest of the sources that it is made of, so that an FMU known
+    to be up to date costs no import of its model. One that was built of the same sources before is
+    kept, and so is each compiled library.
 
     Args:
         names: models; all by default.
@@ -89,7 +88,7 @@ def build(
     platforms = native.chosen(targets) if flavour == "native" else []
     return {
         name: build_file(
-            folder / f"{name}.fmu", partial(load_model, name), flavour, platforms, progress
+            folder / f"{name}.fmu", [name], partial(load_model, name), flavour, platforms, progress
         )
         for name in wanted
     }
@@ -97,6 +96,7 @@ def build(
 
 def build_file(
     path: Path,
+    models: Sequence[str],
     load: Callable[[], Model],
     flavour: str,
     platforms: list[str],
@@ -107,6 +107,7 @@ def build_file(
 
     Args:
         path: of the FMU.
+        models: names of those that it is made of.
         load: gives the model; called only when something has changed.
         flavour: `native` or `python`.
         platforms: of a native FMU, by folder name.
@@ -119,22 +120,26 @@ def build_file(
     Raises:
         SteadytipError: what `load` raises, or a compiler that refuses.
     """
-    everything = _SOURCES + plan
-    sources, _, _, enough = _known(path, platforms)
-    if sources == everything and enough:
+    content = sources.digest(sources.made_of(models), flavour, plan)
+    if _is_current(path, content, platforms):
         return path
     path.parent.mkdir(parents=True, exist_ok=True)
     with _alone(path.with_suffix(".lock")):
-        return _build_alone(path, load, flavour, platforms, progress, everything)
+        if not _is_current(path, content, platforms):
+            built = ",".join(platforms or ["any"])
+            made = partial(_made, load, flavour, platforms, progress)
+            archive.place(path, store.recall(_BUILD / "c" / "fmus", f"{content}-{built}", made))
+            path.with_suffix(".stamp").write_text(f"{content} {built}", encoding="utf-8")
+    return path
 
 
-def _known(path: Path, platforms: list[str]) -> tuple[str, str, str, bool]:
-    """What an FMU was built of, and for, and whether that will do for some platforms."""
+def _is_current(path: Path, content: str, platforms: list[str]) -> bool:
+    """Whether an FMU was built of that, and for these platforms; for more will do."""
     stamp = path.with_suffix(".stamp")
-    known = stamp.read_text(encoding="utf-8").split() if path.is_file() and stamp.is_file() else []
-    sources, packing, built = (*known, "", "", "")[:3]
-    # An FMU for more platforms than are asked for will do.
-    return sources, packing, built, bool(known) and set(platforms) <= set(built.split(","))
+    if not (path.is_file() and stamp.is_file()):
+        return False
+    built, _, targets = stamp.read_text(encoding="utf-8").partition(" ")
+    return built == content and set(platforms) <= set(targets.split(","))
 
 
 @contextmanager
@@ -148,54 +153,19 @@ def _alone(lock: Path) -> Iterator[None]:
         yield
 
 
-def _build_alone(
-    path: Path,
+def _made(
     load: Callable[[], Model],
     flavour: str,
     platforms: list[str],
     progress: Callable[[str], None],
-    everything: str,
-) -> Path:
+) -> bytes:
     from fmu_src.pack import csource, description, documents, python_flavour
 
-    sources, packing, built, enough = _known(path, platforms)
-    if sources == everything and enough:
-        return path
     model = load()
+    progress(model.name)
     guid = description.content_guid(model, csource.sources(model, ""))
-    # What makes an FMU of a model, beside the model: this package and the tools it calls.
-    wanted = _digest((importlib.import_module("fmu_src.pack"),), guid)
-    if packing != wanted or not enough:
-        progress(model.name)
-        if flavour == "python":
-            files = python_flavour.files(model, guid)
-        else:
-            files = native.files(model, guid, platforms, _BUILD / "c")
-        archive.write(path, {**files, **documents.files(model, flavour)})
-        built = ",".join(platforms or ["any"])
-    path.with_suffix(".stamp").write_text(f"{everything} {wanted} {built}", encoding="utf-8")
-    return path
-
-
-def _digest(packages: Iterable[object], *words: str) -> str:
-    """Hash of every source file of some packages, the tools' versions, and some words."""
-    tools = [f"{tool} {_version(tool)}" for tool in ("casadi", "ziglang", "pythonfmu")]
-    found = hashlib.sha256("\n".join([*words, *tools]).encode())
-    for package in packages:
-        root = Path(str(package.__file__)).parent  # type: ignore[attr-defined]
-        for file in sorted(root.rglob("*")):
-            if file.suffix in (".py", ".c"):
-                found.update(f"\n{file.relative_to(root).as_posix()}\n".encode())
-                found.update(file.read_bytes())
-    return found.hexdigest()[:32]
-
-
-def _version(distribution: str) -> str:
-    try:
-        return importlib.metadata.version(distribution)
-    except importlib.metadata.PackageNotFoundError:
-        return "none"
-
-
-_SOURCES = _digest(_PACKAGES)
-"""Taken on import, before any model is: sources that change later must not pass for those built."""
+    if flavour == "python":
+        files = python_flavour.files(model, guid)
+    else:
+        files = native.files(model, guid, platforms, _BUILD / "c")
+    return archive.packed({**files, **documents.files(model, flavour)})

@@ -67,4 +67,7 @@ def build_container(
     Raises:
         SteadytipError: see `Plan.contain`, or a compiler that refuses.
     """
-    return build_file(path, plan.contain, "native", native.chosen(targets), progress, plan.digest)
+    models = [model for _, model in plan.members]
+    return build_file(
+        path, models, plan.contain, "native", native.chosen(targets), progress, plan.digest
+    )

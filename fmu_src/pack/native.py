@@ -4,19 +4,33 @@ No other compiler is needed, and every platform's binary can be built on every p
 sources give the same bytes: paths are relative, and nothing of the machine gets in.
 """
 
+import hashlib
 import os
 import platform
 import struct
 import subprocess
 import sys
 import tempfile
-from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import astuple, dataclass
+from importlib.metadata import version
 from pathlib import Path
 
 from fmu_src.kit import Model, SteadytipError
-from fmu_src.pack import csource
+from fmu_src.pack import csource, store
 from fmu_src.pack.description import describe
+from fmu_src.pack.store import kept
+
+__all__ = [
+    "TARGETS",
+    "Slice",
+    "chosen",
+    "compile_c",
+    "compile_library",
+    "files",
+    "host",
+    "kept",
+]
 
 
 @dataclass(frozen=True)
@@ -51,8 +65,11 @@ _HOSTS = {
     ("Darwin", "x86_64"): "darwin64",
     ("Darwin", "arm64"): "aarch64-darwin",
 }
-# No fused multiply-add: then platforms agree to the last bits, bit for bit without sin and cos.
-_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared")
+# No fused multiply-add: then platforms agree to the last bits, bit for bit without sin and cos. And
+# nobody reads `errno`, for which a square root would become a call.
+_FLAGS = (
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-shared"
+)  # fmt: skip
 # Mach-O universal: magic, and CPU type and subtype by the first part of zig's triple.
 _FAT_MAGIC = 0xCAFEBABE
 _CPU = {"x86_64": (0x01000007, 3), "aarch64": (0x0100000C, 0)}
@@ -109,13 +126,20 @@ def files(model: Model, guid: str, targets: Sequence[str], cache: Path) -> dict[
     for target in targets:
         slices = TARGETS[target]
         if slices not in compiled:
-            parts = [compile_library(model.name, texts, part, cache) for part in slices]
+            parts = [_library(model.name, texts, part, cache) for part in slices]
             compiled[slices] = parts[0] if len(parts) == 1 else _universal(slices, parts)
         found[f"binaries/{target}/{model.name}{slices[0].suffix}"] = compiled[slices]
     return found
 
 
-def compile_library(name: str, texts: dict[str, str], part: Slice, cache: Path) -> bytes:
+def _library(name: str, texts: Mapping[str, str], part: Slice, cache: Path) -> bytes:
+    """What `compile_library` makes, or made of the same text before."""
+    made_of = (name, sorted(texts.items()), astuple(part), _FLAGS, version("ziglang"))
+    key = hashlib.sha256(repr(made_of).encode()).hexdigest()
+    return store.recall(cache / "libraries", key, lambda: compile_library(name, texts, part, cache))
+
+
+def compile_library(name: str, texts: Mapping[str, str], part: Slice, cache: Path) -> bytes:
     """Build a shared library and return its bytes.
 
     Args:
@@ -154,8 +178,9 @@ def compile_c(
     """
     cache = cache.resolve()
     cache.mkdir(parents=True, exist_ok=True)
-    caches = {f"ZIG_{scope}_CACHE_DIR": str(cache) for scope in ("GLOBAL", "LOCAL")}
     with tempfile.TemporaryDirectory() as folder:
+        # What it keeps of these sources is of no use in another folder, and would pile up.
+        caches = {"ZIG_GLOBAL_CACHE_DIR": str(cache), "ZIG_LOCAL_CACHE_DIR": folder}
         for file, text in texts.items():
             (Path(folder) / file).write_text(text, encoding="utf-8", newline="\n")
         done = subprocess.run(
@@ -169,26 +194,6 @@ def compile_c(
         if done.returncode != 0:
             raise SteadytipError(done.stderr.strip())
         return (Path(folder) / product).read_bytes()
-
-
-def kept(path: Path, make: Callable[[], bytes], mode: int = 0o644) -> Path:
-    """A file whose name its content determines: made when missing, and whole when it is there.
-
-    Args:
-        path: where it is kept.
-        make: gives its content.
-        mode: permissions.
-    """
-    if not path.is_file():
-        content = make()
-        path.parent.mkdir(parents=True, exist_ok=True)
-        # Others may be at it, too: what appears under the name is whole.
-        handle, written = tempfile.mkstemp(dir=path.parent, suffix=path.suffix)
-        with os.fdopen(handle, "wb") as file:
-            file.write(content)
-        Path(written).chmod(mode)
-        Path(written).replace(path)
-    return path
 
 
 def _universal(slices: Sequence[Slice], libraries: Sequence[bytes]) -> bytes:

@@ -17,6 +17,7 @@ responds by the size of the motion. A tone of the size met in use shows what rem
 """
 
 from dataclasses import dataclass, replace
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -50,8 +51,9 @@ class Response:
     group_delay: float
 
 
+@cache
 def responses(model: Model) -> list[Response]:
-    """Responses of all outputs that follow an input."""
+    """Responses of all outputs that follow an input; computed once for both flavours."""
     quiet = _without_noise(model)
     inputs = [s for s in model.variables["input"] if s.field.kind == "Real" and reach(s) > 0]
     outputs = [s for s in model.variables["output"] if s.field.kind == "Real"]
