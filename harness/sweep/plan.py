@@ -205,10 +205,8 @@ def groups_of(plan: Plan, numbers: Sequence[int]) -> list[Group]:
     ordered = sorted(found.items(), key=lambda item: motion[item[0]])
     together = [(key, runs) for key, runs in ordered if len(runs) > 1]
     alone = deque(runs[0][1] for _, runs in ordered if len(runs) == 1)
-    return [
-        *(Group(deque(n for _, n in sorted(runs)), key) for key, runs in together),
-        Group(alone, None),
-    ]
+    groups = [Group(deque(n for _, n in sorted(runs)), key) for key, runs in together]
+    return [*groups, Group(alone, None)] if alone else groups
 
 
 class Queue:
