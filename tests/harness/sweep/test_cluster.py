@@ -21,7 +21,7 @@ from harness.sweep.cluster import Luggage
 from harness.sweep.run import prepare
 from harness.sweep.stand import Base, Stand
 
-from .test_sweep import CHANCE, journal_lines, posix, rows, start, swept, wait_for
+from .test_sweep import BAD, CHANCE, journal_lines, posix, rows, start, swept, wait_for
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
@@ -155,3 +155,13 @@ def test_one_of_two_workers_is_killed_in_mid_run_and_no_run_is_missing(small, tm
     here = swept(path, tmp_path / "here", runs=60, overrides={"seconds": 8.0}, workers=2)
     assert rows(found) == rows(here)
     assert not list(away.rglob("*.fmu"))
+
+
+def test_a_run_that_hangs_is_lost_here_too(write_scenario, tmp_path, quiet_dask):
+    text = BAD.replace("MODE", "3").replace("step_limit = 0.4", "step_limit = 50.0")
+    path = write_scenario(text, head="seconds = 1.5\nstep = 1e-3\n")
+    with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=":0") as local:
+        more = {"scheduler": local.scheduler_address, "timeout": 2.0}
+        found = swept(path, tmp_path / "out", **more)
+    assert [row["status"] for row in rows(found)] == ["ok", "ok", "lost", "lost", "ok", "ok"]
+    assert "'timeout' of 2 s" in found.failed[0][2]
