@@ -2,13 +2,15 @@
 
 The scenario is `closed_loop_sweep`, whose runs are 10 s long. Time passes from when each worker has
 finished its first run. `1000 runs` is what so many would take at that rate. Processor time of a run
-is the worker's own, and lets off what other processes took.
+is the worker's own, and lets off what other processes took. Arithmetic in two processes that share
+nothing is the most that two workers could reach on this machine at that time.
 """
 
 import os
 
 import pytest
 
+from harness.bench import probes
 from harness.bench.session import Bench
 from harness.bench.stopwatch import counting
 from harness.sweep.speed import SCENARIO, throughput
@@ -49,3 +51,10 @@ def bench_sweep(bench: Bench, turn: int, row: str, built: None) -> None:
     bench.add(row, "1000 runs", spent, "s", wanted=wanted)
     if row == _TWO:
         bench.ratio(_ONE, "over two workers'", (_ONE, _RUN), (_TWO, _RUN), "at least 1.8")
+
+
+def bench_machine(bench: Bench, turn: int) -> None:
+    """What two processes that share nothing reach over one."""
+    seconds = 0.2 if bench.quick else 1.0
+    one, two = (probes.spun(seconds, processes) for processes in (1, 2))
+    bench.add("arithmetic alone", "over two workers'", two / one, "")
