@@ -15,11 +15,12 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.analyze.cli import analyze
-from harness.bench import app as bench
+from harness.bench.cli import bench
 from harness.hil.cli import board, hil, replay
 from harness.identify.cli import app as identify
 from harness.reproduce.cli import reproduce
 from harness.ssp.cli import app as ssp
+from harness.sweep.cli import sweep
 
 app = typer.Typer(
     help="Tremor-cancelling handheld microsurgery as FMI 2.0 co-simulation.",
@@ -29,12 +30,13 @@ app = typer.Typer(
 )
 app.add_typer(ssp, name="ssp")
 app.add_typer(identify, name="identify")
-app.add_typer(bench, name="bench")
 app.command()(reproduce)
 app.command()(analyze)
+app.command()(bench)
 app.command()(hil)
 app.command()(board)
 app.command()(replay)
+app.command()(sweep)
 _console = Console()
 _errors = Console(stderr=True)
 

@@ -37,7 +37,7 @@ from harness.parts import FloatArray
 from harness.scenario import SHORTEST, SQUARED
 
 if TYPE_CHECKING:
-    from harness.result import Result
+    from harness.result import Signals
 
 __all__ = ["LEVEL", "Consistency", "consistency_of", "mean_interval"]
 
@@ -92,7 +92,8 @@ class Consistency:
     @property
     def bound(self) -> FloatArray:
         """Below which single values of a consistent filter stay, `LEVEL` of the time, (k,)."""
-        return np.asarray(stats.chi2.ppf(LEVEL, self.size))
+        sizes, which = np.unique(self.size, return_inverse=True)
+        return np.asarray(stats.chi2.ppf(LEVEL, sizes)[which])
 
     @property
     def inside(self) -> float:
@@ -149,10 +150,10 @@ class Consistency:
         }
 
 
-def consistency_of(result: Result) -> list[Consistency]:
+def consistency_of(result: Signals) -> list[Consistency]:
     """What a run tells about its estimators; nothing of those that do not say how sure they are."""
     facts = result.facts
-    columns = set(result.table.column_names)
+    columns = set(result.columns)
     counted = result.time >= facts["settle"] - 1e-9
     if np.count_nonzero(counted) * facts["step"] < SHORTEST:
         return []
@@ -194,7 +195,9 @@ def _nis(
         yield Consistency(part, None, time[taken], squared[taken], size[taken], total)
 
 
-def _errors(result: Result, columns: set[str]) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
+def _errors(
+    result: Signals, columns: set[str]
+) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Part, quantity, error (n, 3) and stated deviation (n, 3) where the truth is known."""
     roles: Mapping[str, list[str]] = result.facts.get("roles", {})
     for what in ("attitude", "position"):

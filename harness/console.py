@@ -11,7 +11,14 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TaskProgressColumn, TextColumn, TimeRemainingColumn
+from rich.progress import (
+    BarColumn,
+    MofNCompleteColumn,
+    Progress,
+    TaskProgressColumn,
+    TextColumn,
+    TimeRemainingColumn,
+)
 from rich.table import Column, Table
 
 from harness.comparison import RANKED, Rank
@@ -82,6 +89,37 @@ class Display:
             spent = time.perf_counter() - begun
             rate = f"{done / spent:.1f} x real time" if spent > 0.0 else ""
             bar.update(task, completed=done, rate=rate)
+
+        try:
+            yield update
+        finally:
+            bar.stop()
+
+    @contextmanager
+    def counting(self, what: str) -> Iterator[Callable[[int, int, int], None]]:
+        """A bar for things that are counted: per cent, how many, how many failed, time left."""
+        if self._quiet:
+            yield lambda _done, _all, _failed: None
+            return
+        bar = Progress(
+            TextColumn("{task.description}"),
+            BarColumn(),
+            TaskProgressColumn(),
+            MofNCompleteColumn(),
+            TextColumn("[red]{task.fields[failed]}"),
+            TimeRemainingColumn(),
+            console=self._console,
+            transient=True,
+        )
+        task = None
+
+        def update(done: int, count: int, failed: int) -> None:
+            nonlocal task
+            if task is None:
+                bar.start()
+                # What an earlier start has done says nothing about how fast it goes now.
+                task = bar.add_task(what, total=count, completed=done, failed="")
+            bar.update(task, completed=done, failed=f"{failed} failed" if failed else "")
 
         try:
             yield update

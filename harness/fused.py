@@ -55,6 +55,11 @@ def build(
     from fmu_src.pack.containers import build_container
 
     scenario = system.scenario
+    if system.events:
+        raise SteadytipError(
+            f"{scenario.name}: a container does not hold what happens in the middle of a run; leave"
+            " 'change' and 'fault' out"
+        )
     if parts is None:
         members = [name for name in system.wiring.order if name in scenario.parts]
     else:
@@ -78,18 +83,21 @@ def build(
     return build_container(plan, path, targets, progress)
 
 
-def fuse(system: System, progress: Callable[[str], None] = lambda name: None) -> System:
+def fuse(
+    system: System,
+    progress: Callable[[str], None] = lambda name: None,
+    container: Path | None = None,
+) -> System:
     """The same system with all that can be fused in one part.
 
     Args:
         system: parts and their wiring.
         progress: called with the container's name before it is built.
+        container: the FMU, if there is one of the same parts and wiring already.
 
     Raises:
         SteadytipError: nothing can be fused, or a part that cannot stands between two that can.
     """
-    from fmu_src.pack.containers import build_container
-
     scenario = system.scenario
     members = [
         name
@@ -102,9 +110,13 @@ def fuse(system: System, progress: Callable[[str], None] = lambda name: None) ->
             + "; ".join(f"'{name}': {_reason(scenario, name)}" for name in scenario.parts)
         )
     _check_between(system, members)
-    plan = _plan(system, members, scenario.name.replace("-", "_"), {})
-    path = _FOLDER / f"{plan.name}-{plan.digest[:8]}.fmu"
-    build_container(plan, path, progress=progress)
+    path = container
+    if path is None:
+        from fmu_src.pack.containers import build_container
+
+        plan = _plan(system, members, scenario.name.replace("-", "_"), {})
+        path = _FOLDER / f"{plan.name}-{plan.digest[:8]}.fmu"
+        build_container(plan, path, progress=progress)
     name = _NAME
     while name in system.parts:
         name += "_"
@@ -113,8 +125,7 @@ def fuse(system: System, progress: Callable[[str], None] = lambda name: None) ->
         for part in members
         for key, value in _starts(system.parts[part]).items()
     }
-    container = FmuPart(name, {"fmu": str(path), **starts}, seed=0)
-    parts: dict[str, Part] = {name: container}
+    parts: dict[str, Part] = {name: FmuPart(name, {"fmu": str(path), **starts}, seed=0)}
     parts |= {other: part for other, part in system.parts.items() if other not in members}
     wires = [
         Wire(

@@ -17,7 +17,7 @@ import math
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Protocol, TypeVar
 
@@ -29,7 +29,7 @@ from harness.march import How, March, plan
 from harness.parts import FloatArray, Killable, Part, Run
 from harness.system import System
 
-__all__ = ["Loop", "Outcome", "Pace", "Record"]
+__all__ = ["Loop", "Moment", "Outcome", "Pace", "Progress", "Record"]
 
 _T = TypeVar("_T")
 
@@ -112,6 +112,19 @@ class Record(Protocol):
 
 
 @dataclass(frozen=True)
+class Moment:
+    """Where a run stands between two ticks, beside the states of its parts.
+
+    Attributes:
+        tick: number of ticks done.
+        history: outputs of the last ticks, as the loop keeps them.
+    """
+
+    tick: int
+    history: FloatArray
+
+
+@dataclass(frozen=True)
 class Outcome:
     """How a run ended.
 
@@ -138,6 +151,8 @@ class Loop:
         recorder: Record,
         pace: Pace | None = None,
         observe: Callable[[FloatArray], None] | None = None,
+        since: Moment | None = None,
+        until: int | None = None,
     ) -> None:
         """Lay out signals and inputs.
 
@@ -147,8 +162,12 @@ class Loop:
             recorder: takes the signals of every tick.
             pace: of the wall clock; without one, ticks follow each other at once.
             observe: takes the signals of every tick, too.
+            since: moment to go on from; the parts are in its states. The beginning if left out.
+            until: tick to stop before; the end of the run if left out.
         """
-        self._run = run
+        self._run = run if since is None else replace(run, first=since.tick)
+        self._since = since
+        self._last = run.steps if until is None else until
         self._pace = pace
         self._observe = observe
         self._recorder = recorder
@@ -182,7 +201,7 @@ class Loop:
             self._sources.append(np.array(index, dtype=np.intp))
         self._inputs = [np.zeros(len(driven)) for driven in self._driven]
         self._march: March | None = None
-        self._ticks = 0
+        self._ticks = self._run.first
         self._wall = 0.0
         self._stop = False
         self._now: tuple[int, str, float, float] | None = None
@@ -322,6 +341,12 @@ class Loop:
         width = self._width
         for at in range(width, len(self._history), width):
             self._history[at : at + width] = self._history[:width]
+        if self._since is not None:
+            self._history[:] = self._since.history
+
+    def moment(self) -> Moment:
+        """Where the run stands, now that `go` has come back."""
+        return Moment(self._ticks, self._history.copy())
 
     def _laid_out(self) -> March | None:
         """The run as native calls; None where it has to go tick by tick."""
@@ -340,7 +365,8 @@ class Loop:
             self._history,
             self._width,
             self._run.step,
-            self._run.steps,
+            self._run.first,
+            self._last,
         )
 
     def _marched(self) -> None:
@@ -398,7 +424,7 @@ class Loop:
         ]
         step, finite, pace = self._run.step, math.isfinite, self._pace
         observe = self._observe
-        k, last, spanned, h = 0, self._run.steps, 1, self._run.step
+        k, last, spanned, h = self._run.first, self._last, 1, self._run.step
         while k < last:
             t = k * step
             if pace is not None:

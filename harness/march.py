@@ -147,7 +147,8 @@ class March:
         history: FloatArray,
         width: int,
         step: float,
-        ticks: int,
+        first: int,
+        last: int,
     ) -> None:
         """Lay out; all arrays are used where they are.
 
@@ -160,7 +161,8 @@ class March:
             history: (n * width,) signals of this tick, of the one before, ...
             width: number of signals.
             step: period [s].
-            ticks: of the whole run.
+            first: tick to begin with.
+            last: tick to stop before.
         """
         self._calls = calls
         self._alive: list[Any] = [sources, inputs, outputs, history]
@@ -181,7 +183,8 @@ class March:
             width=width,
             length=len(history),
             step=step,
-            last=ticks,
+            tick=first,
+            last=last,
             clock=ctypes.cast(call, ctypes.c_void_p),
             clock_id=which,
             clock_period=period,

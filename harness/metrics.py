@@ -19,6 +19,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -28,7 +29,7 @@ from harness.parts import FloatArray
 from harness.scenario import SHORTEST
 
 if TYPE_CHECKING:
-    from harness.result import Result
+    from harness.result import Signals
 
 __all__ = [
     "TREMOR_BAND",
@@ -100,12 +101,12 @@ class Motion:
     saturated: FloatArray | None = None
 
 
-def metrics_of_result(result: Result) -> dict[str, Metric]:
+def metrics_of_result(result: Signals) -> dict[str, Metric]:
     """Metrics of a recorded run; see `metrics_of`."""
     return metrics_of(motion_of(result))
 
 
-def motion_of(result: Result) -> Motion:
+def motion_of(result: Signals) -> Motion:
     """Signals of a run by their roles.
 
     While a recording moves the part that gives the intent, that part does not know the intent.
@@ -155,7 +156,7 @@ def intent_of(motion: Motion) -> FloatArray | None:
         return motion.intent
     if motion.moved is None:
         return None
-    lowpass = signal.butter(_INTENT_ORDER, _INTENT_CORNER, fs=1 / motion.step, output="sos")
+    lowpass = _filter(_INTENT_ORDER, _INTENT_CORNER, "lowpass", motion.step)
     return _zero_phase(lowpass, motion.moved, motion.step)
 
 
@@ -179,8 +180,13 @@ def rotation_between(a: FloatArray, b: FloatArray) -> FloatArray:
 
 
 def _band_pass(order: int, band: tuple[float, float], x: FloatArray, step: float) -> FloatArray:
-    sos = signal.butter(order, band, btype="bandpass", fs=1 / step, output="sos")
-    return _zero_phase(sos, x, step)
+    return _zero_phase(_filter(order, band, "bandpass", step), x, step)
+
+
+@cache
+def _filter(order: int, corners: float | tuple[float, float], kind: str, step: float) -> FloatArray:
+    """Second-order sections of a Butterworth filter; a sweep designs them once."""
+    return np.asarray(signal.butter(order, corners, btype=kind, fs=1 / step, output="sos"))
 
 
 def _zero_phase(sos: FloatArray, x: FloatArray, step: float) -> FloatArray:

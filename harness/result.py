@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
@@ -30,7 +30,29 @@ if TYPE_CHECKING:
     from harness.metrics import Metric
     from harness.parts import FloatArray
 
-__all__ = ["Result", "read"]
+__all__ = ["Result", "Signals", "read"]
+
+
+class Signals(Protocol):
+    """What figures of merit are computed from: see `Result`, which is one."""
+
+    @property
+    def facts(self) -> Mapping[str, Any]:
+        """About the run."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(n,) instants of the samples [s]."""
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of what `signals` gives."""
+
+    def signals(self, name: str) -> FloatArray:
+        """(n,) a signal by name."""
+
+    def role(self, role: str) -> FloatArray | None:
+        """(n, columns) signals that play a role; None without one."""
 
 
 class Result:
@@ -73,6 +95,11 @@ class Result:
     def time(self) -> FloatArray:
         """(n,) instants of the samples [s]."""
         return values_of(self.table.column("time"))
+
+    @property
+    def columns(self) -> Sequence[str]:
+        """Names of all columns."""
+        return list(self.table.column_names)
 
     def signals(self, name: str) -> FloatArray:
         """Signals by name.

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import fmu_src
 from harness import scenario as scenarios
+from harness.course import play
 from harness.errors import RecordError, RunError, SteadytipError, StoppedError
 from harness.loop import Loop, Outcome, Pace, Progress
 from harness.parts import Run
@@ -122,15 +123,22 @@ def perform(
     Raises:
         RunError: the run ended early; its `result` holds what was recorded until then.
     """
+    if rig is not None and system.events:
+        raise SteadytipError(
+            f"{system.scenario.name}: 'change' and 'fault' in the middle of a run are not for the "
+            "wall clock; take them out"
+        )
     for note in system.notes:
         status(note)
     facts = facts_of(system)
     step = system.scenario.step
-    pace, observe = (rig.pace, rig.observe) if rig is not None else (None, None)
     recorder = Recorder(folder, system.columns, step, facts, patient=rig is None)
     with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as workspace:
         once = Run(step, system.steps, Path(workspace))
-        outcome = Loop(system, once, recorder, pace, observe).go(progress)
+        if rig is None:
+            outcome = play(system, once, recorder, progress)
+        else:
+            outcome = Loop(system, once, recorder, rig.pace, rig.observe).go(progress)
     if rig is not None:
         status("closing")
         facts |= rig.closed(outcome)

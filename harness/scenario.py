@@ -14,7 +14,9 @@ A scenario is TOML. Keys of the file:
 | variant.NAME | | what one variant changes, as `extends` does; `steadytip run` compares them |
 | wire | | list of `from`, `to` (`part.port`; a `*` is the same text on both sides), `delay` |
 | signals | | what the metrics and the report read: role = port, pattern (`*`, `?`) or list |
+| change, fault | | lists of what happens in the middle of a run: `harness.events` |
 | hil | | the loop on the wall clock: `Hil` |
+| sweep | | what `steadytip sweep` varies: `harness.sweep.table` |
 
 Laid over another table, parts and variants merge per key; a wire takes the place of one with the
 same `to`, or is appended.
@@ -38,7 +40,11 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationError
 
 from harness.errors import ProblemsError, SteadytipError, nearest
+from harness.events import Change, Fault
 from harness.parts import is_path, kinds
+from harness.sweep.table import FaultRange, Sweep
+from harness.tables import Positive as _Positive
+from harness.tables import Strict as _Strict
 
 __all__ = [
     "SHORTEST",
@@ -51,6 +57,9 @@ __all__ = [
     "Wire",
     "available",
     "load",
+    "merged",
+    "nested",
+    "varied",
 ]
 
 SHORTEST = 1.0
@@ -58,13 +67,8 @@ SHORTEST = 1.0
 SQUARED = "innovation_squared"
 """Output with which an estimator tells how large its corrections are; see `harness.consistency`."""
 
-_Positive = Annotated[float, Field(gt=0.0, allow_inf_nan=False)]
 _Ports = str | list[str]
 _SHIPPED = files("harness") / "scenarios"
-
-
-class _Strict(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True, frozen=True)
 
 
 @dataclass(frozen=True)
@@ -156,7 +160,7 @@ class Hil(_Strict):
     board: Literal["none", "python", "c"] = "none"
     log: Literal["candump", "blf", "none"] = "candump"
     priority: int = Field(default=50, ge=0, le=99)
-    limits: dict[str, Annotated[Limit, BeforeValidator(_at_most)]] = {}
+    limits: dict[str, Annotated[Limit, BeforeValidator(_at_most)]] = Field(default_factory=dict)
 
 
 class _Common(BaseModel):
@@ -165,7 +169,7 @@ class _Common(BaseModel):
     step_limit: _Positive = 10.0
     motion: str | None = None
     innovation_size: int | None = Field(default=None, ge=1)
-    stands_for: dict[str, Any] = {}
+    stands_for: dict[str, Any] = Field(default_factory=dict)
 
 
 class _File(_Strict):
@@ -175,10 +179,13 @@ class _File(_Strict):
     settle: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
     seed: int = Field(default=1, ge=0)
     part: dict[str, _Common]
-    wire: list[_Wire] = []
+    wire: list[_Wire] = Field(default_factory=list)
     signals: Signals = Signals()
+    change: list[Change] = Field(default_factory=list)
+    fault: list[Fault] = Field(default_factory=list)
     hil: Hil = Hil()
-    variant: dict[str, Any] = {}
+    sweep: Sweep | None = None
+    variant: dict[str, Any] = Field(default_factory=dict)
 
 
 @dataclass(frozen=True)
@@ -209,6 +216,7 @@ class Scenario:
     Attributes:
         name: file name without its ending.
         given: how it was asked for: a path, or the name of a shipped one.
+        table: what was checked, everything laid over each other.
         texts: (name, text) of the files that it was read from, the most basic one first.
         overrides: what replaced values of the files.
         variant: which of the file's variants this is; None if it is none of them.
@@ -226,6 +234,10 @@ class Scenario:
     wires: tuple[Wire, ...]
     signals: Signals
     hil: Hil
+    changes: tuple[Change, ...]
+    faults: tuple[Fault, ...]
+    sweep: Sweep | None
+    table: Mapping[str, Any]
     texts: tuple[tuple[str, str], ...]
     overrides: Mapping[str, Any] = field(default_factory=dict)
     variant: str | None = None
@@ -260,11 +272,65 @@ def load(
         if variant not in variants:
             hint = nearest(variant, variants) if variants else "it has none."
             raise SteadytipError(f"{path.name} has no variant '{variant}'; {hint}")
-        table = _merge(table, variants[variant])
-    overrides = dict(overrides or {})
+        table = merged(table, variants[variant])
+    return _checked(
+        table, dict(overrides or {}), path, os.fspath(scenario), texts, variant, variants
+    )
+
+
+def varied(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
+    """A scenario with some of its values replaced, as `load` replaces them.
+
+    Args:
+        scenario: to be changed.
+        values: by dotted key.
+
+    Raises:
+        ProblemsError: everything that is wrong with them.
+    """
+    return _checked(
+        dict(scenario.table),
+        dict(values),
+        Path(scenario.name),
+        scenario.given,
+        scenario.texts,
+        scenario.variant,
+        dict.fromkeys(scenario.variants),
+    )
+
+
+def nested(overrides: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
+    """Values by dotted key as tables in tables.
+
+    Args:
+        overrides: values by dotted key.
+        problems: keys that contradict each other are told here.
+    """
+    tables: dict[str, Any] = {}
+    for dotted, value in overrides.items():
+        *path, last = dotted.split(".")
+        table = tables
+        for key in path:
+            table = table.setdefault(key, {})
+            if not isinstance(table, dict):
+                problems.append(f"override '{dotted}' = {value!r} contradicts another override")
+                table = {}
+        table[last] = value
+    return tables
+
+
+def _checked(
+    table: dict[str, Any],
+    overrides: dict[str, Any],
+    path: Path,
+    given: str,
+    texts: tuple[tuple[str, str], ...],
+    variant: str | None,
+    variants: Mapping[str, Any],
+) -> Scenario:
     problems: list[str] = []
     if overrides:
-        table = _merge(table, _resolved(_nested(overrides, problems), Path(), "overrides"))
+        table = merged(table, _resolved(nested(overrides, problems), Path(), "overrides"))
     parts = table.get("part")
     if isinstance(parts, dict):
         problems += [text for name, part in parts.items() for text in _kind_problems(name, part)]
@@ -272,11 +338,17 @@ def load(
         checked = _File.model_validate(table)
     except ValidationError as error:
         problems += [_sentence(entry) for entry in error.errors()]
+    else:
+        problems += [
+            f"fault on '{fault.wire}': {fault.trouble}" for fault in checked.fault if fault.trouble
+        ]
+        problems += checked.sweep.problems() if checked.sweep else []
     if problems:
         raise ProblemsError(path.name, problems)
     return Scenario(
         name=path.stem,
-        given=os.fspath(scenario),
+        given=given,
+        table=table,
         title=checked.title or path.stem,
         seconds=checked.seconds,
         step=checked.step,
@@ -286,6 +358,9 @@ def load(
         wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
         signals=checked.signals,
         hil=checked.hil,
+        changes=tuple(checked.change),
+        faults=tuple(checked.fault),
+        sweep=checked.sweep,
         texts=texts,
         overrides=overrides,
         variant=variant,
@@ -330,10 +405,10 @@ def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tup
     texts: dict[tuple[str, str], None] = {}  # in order, each once
     for base in bases:
         found, read = _read(_locate(base, path.parent), (*seen, path.resolve()))
-        below = _merge(below, found)
+        below = merged(below, found)
         texts |= dict.fromkeys(read)
     texts[path.name, text] = None
-    return _merge(below, _resolved(table, path.parent, path.name)), tuple(texts)
+    return merged(below, _resolved(table, path.parent, path.name)), tuple(texts)
 
 
 def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
@@ -358,8 +433,16 @@ def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]
             name: _resolved(variant, folder, f"{where}, variant {name}")
             for name, variant in variants.items()
         },
+        "sweep": _with_paths(table.get("sweep"), folder),
     }
     return table | {key: value for key, value in changed.items() if key in table}
+
+
+def _with_paths(sweep: Any, folder: Path) -> Any:
+    motions = sweep.get("motions") if isinstance(sweep, dict) else None
+    if not isinstance(motions, list):
+        return sweep
+    return sweep | {"motions": [str(folder / m) if isinstance(m, str) else m for m in motions]}
 
 
 def _is_path(key: str, value: str) -> bool:
@@ -369,20 +452,22 @@ def _is_path(key: str, value: str) -> bool:
     return key in {"motion", "parameters"}
 
 
-def _merge(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
+def merged(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str, Any]:
     """`above` laid over `below`: tables merge, wires by their end, the rest is replaced."""
-    merged = dict(below)
+    laid = dict(below)
     for key, value in above.items():
-        old = merged.get(key)
+        old = laid.get(key)
         if key == "wire" and isinstance(old, list) and isinstance(value, list):
-            merged[key] = [wire for wire in old if not _ends_as(wire, value)] + value
+            laid[key] = [wire for wire in old if not _ends_as(wire, value)] + value
+        elif key == "vary" and isinstance(old, dict) and isinstance(value, dict):
+            laid[key] = old | value  # what is said of a variable is not mixed
         elif key == "part" and isinstance(old, dict):
-            merged[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
+            laid[key] = old | {n: _merge_part(old.get(n, {}), p) for n, p in value.items()}
         elif isinstance(old, dict) and isinstance(value, dict):
-            merged[key] = _merge(old, value)
+            laid[key] = merged(old, value)
         else:
-            merged[key] = value
-    return merged
+            laid[key] = value
+    return laid
 
 
 def _ends_as(wire: Any, others: list[Any]) -> bool:
@@ -395,22 +480,8 @@ def _merge_part(below: Mapping[str, Any], above: Mapping[str, Any]) -> dict[str,
     known = kinds().keys()
     changes_kind = any(key in known and key not in below for key in above)
     if not changes_kind or not below:
-        return _merge(below, above)
+        return merged(below, above)
     return {"stands_for": {k: v for k, v in below.items() if k != "stands_for"}, **above}
-
-
-def _nested(overrides: Mapping[str, Any], problems: list[str]) -> dict[str, Any]:
-    nested: dict[str, Any] = {}
-    for dotted, value in overrides.items():
-        *path, last = dotted.split(".")
-        table = nested
-        for key in path:
-            table = table.setdefault(key, {})
-            if not isinstance(table, dict):
-                problems.append(f"override '{dotted}' = {value!r} contradicts another override")
-                table = {}
-        table[last] = value
-    return nested
 
 
 def _kind_problems(name: str, part: Mapping[str, Any]) -> Iterable[str]:
@@ -441,6 +512,10 @@ _MODELS: dict[str, type[BaseModel]] = {
     "signals": Signals,
     "hil": Hil,
     "hil.limits": Limit,
+    "change": Change,
+    "fault": Fault,
+    "sweep": Sweep,
+    "sweep.fault": FaultRange,
 }
 
 

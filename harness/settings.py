@@ -8,7 +8,7 @@ from typing import Any
 
 from harness.errors import SteadytipError
 
-__all__ = ["overrides"]
+__all__ = ["overrides", "toml_value"]
 
 
 def overrides(
@@ -29,7 +29,7 @@ def overrides(
         key, equals, value = text.partition("=")
         if not equals or not key.strip():
             raise SteadytipError(f"--set {text}: write KEY=VALUE, as in part.hand.seed=3")
-        found[key.strip()] = _toml_value(value.strip())
+        found[key.strip()] = toml_value(value.strip())
     if seconds is not None:
         found["seconds"] = seconds
     if seed is not None:
@@ -37,7 +37,7 @@ def overrides(
     return found
 
 
-def _toml_value(text: str) -> Any:
+def toml_value(text: str) -> Any:
     """A value as TOML reads it; what is not TOML is a word."""
     try:
         return tomllib.loads(f"value = {text}")["value"]

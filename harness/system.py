@@ -3,21 +3,33 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from harness.errors import ProblemsError, SteadytipError, nearest
-from harness.parts import Part, Settings, kinds
+from harness.events import MODEL, Event, events_of, tapped
+from harness.parts import Part, Settings, is_path, kinds
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.record import Column
-from harness.scenario import SHORTEST, SQUARED, Scenario, Wire
+from harness.scenario import SHORTEST, SQUARED, PartTable, Scenario, Wire
 from harness.wiring import Wiring, connect, cross
 
-__all__ = ["System", "absent", "assemble", "matching", "moved_part", "part_seed", "roles"]
+__all__ = [
+    "System",
+    "absent",
+    "assemble",
+    "matching",
+    "moved_part",
+    "part_seed",
+    "placed",
+    "reference",
+    "roles",
+]
 
 _COUNTS = {
     "moved": 3,
@@ -44,6 +56,7 @@ class System:
         motions: recordings by the name of the part that they move.
         steps: number of ticks.
         notes: what the user should know before the run.
+        events: what happens in the middle of it.
         names: of recorded columns that are not called after their part and port, by those.
         apart: the same before parts of it were fused into a container; None if none were.
     """
@@ -56,8 +69,18 @@ class System:
     motions: Mapping[str, Path]
     steps: int
     notes: tuple[str, ...]
+    events: tuple[Event, ...] = ()
     names: Mapping[str, str] = field(default_factory=dict)
     apart: System | None = None
+
+    def place(self, part: str, name: str) -> tuple[str, str]:
+        """Where a variable of a part is: part and variable, those of a container if it is fused."""
+        if part in self.parts:
+            return part, name
+        assert self.apart is not None
+        (container,) = (each for each in self.parts if each not in self.apart.parts)
+        port = any(each.name == name for each in self.apart.parts[part].inputs)
+        return container, f"{part}_{name}" if port else f"{part}.{name}"
 
     @property
     def columns(self) -> list[Column]:
@@ -91,6 +114,7 @@ def assemble(
     scenario: Scenario,
     motion: Path | None = None,
     progress: Callable[[str], None] = lambda _: None,
+    files: Mapping[str, Path] | None = None,
 ) -> System:
     """Build what is missing, make the parts, wire them.
 
@@ -98,14 +122,17 @@ def assemble(
         scenario: checked scenario.
         motion: recording for the one part that takes one.
         progress: told in a few words what is being done.
+        files: what to take instead of files and models that the scenario names; see `reference`.
 
     Raises:
         ProblemsError: everything that is wrong with parts, or with wires, or with signals.
         SteadytipError: a model does not build, or no single part takes the recording.
     """
     where = scenario.name
+    scenario = _with_fault_parts(scenario)
     gone = absent(scenario)
-    made = _make(scenario, [name for name in scenario.parts if name not in gone], progress)
+    there = files or {}
+    made = _make(scenario, [n for n in scenario.parts if n not in gone], progress, there)
     motions = {name: table.motion for name, table in scenario.parts.items() if table.motion}
     motions = {name: path for name, path in motions.items() if name not in gone}
     if motion is not None:
@@ -115,13 +142,20 @@ def assemble(
     for name, part in made.items():
         if name in motions:
             companion = f"{name}.motion"
-            parts[companion] = ReplayPart(companion, {"replay": str(motions[name])}, seed=0)
+            parts[companion] = ReplayPart(
+                companion, {"replay": str(there.get(str(motions[name]), motions[name]))}, seed=0
+            )
             _check_takes_motion(name, part)
             wires.append(Wire(f"{companion}.recorded*", f"{name}.recorded*"))
         parts[name] = part
         parts |= getattr(part, "companions", {})
     wires, crossing = cross(wires, parts, gone)
+    wires, problems = tapped(wires, parts, scenario.faults)
     wiring = connect(where, parts, wires)
+    changes = [*scenario.changes, *(c for fault in scenario.faults for c in fault.changes())]
+    events = events_of(changes, parts, wiring.undriven, scenario.step, problems)
+    if problems:
+        raise ProblemsError(where, problems)
     seconds, notes = _duration(scenario, parts)
     columns = [f"{name}.{port.name}" for name, part in parts.items() for port in part.outputs]
     return System(
@@ -133,7 +167,19 @@ def assemble(
         motions=motions,
         steps=max(1, int(seconds / scenario.step + 1e-6)),
         notes=(*notes, *crossing, *_silent_estimators(scenario, columns), *wiring.notes),
+        events=events,
     )
+
+
+def _with_fault_parts(scenario: Scenario) -> Scenario:
+    """A scenario with the parts that go into its wires."""
+    settings: dict[str, dict[str, Any]] = {}
+    for fault in scenario.faults:
+        table = settings.setdefault(fault.part, {"fmu": MODEL})
+        if fault.at == 0.0:
+            table |= fault.settings
+    added = {name: PartTable("fmu", table, 10.0, None) for name, table in settings.items()}
+    return replace(scenario, parts={**scenario.parts, **added})
 
 
 def absent(scenario: Scenario) -> frozenset[str]:
@@ -153,10 +199,13 @@ def _owner(name: str, scenario: Scenario) -> str:
 
 
 def _make(
-    scenario: Scenario, names: Sequence[str], progress: Callable[[str], None]
+    scenario: Scenario,
+    names: Sequence[str],
+    progress: Callable[[str], None],
+    files: Mapping[str, Path],
 ) -> dict[str, Part]:
     known = kinds()
-    wanted = {name: scenario.parts[name] for name in names}
+    wanted = {name: placed(scenario.parts[name], files) for name in names}
     classes = {kind: known[kind].load() for kind in {t.kind for t in wanted.values()}}
     settings: dict[str, Settings] = {}
     for kind, part_class in classes.items():
@@ -174,6 +223,24 @@ def _make(
     if problems:
         raise ProblemsError(scenario.name, problems)
     return parts
+
+
+def reference(table: PartTable, key: str) -> str:
+    """How a part's setting names a file, or a model that is built in some flavour."""
+    text = str(table.settings[key])
+    if key == "fmu" and not is_path(text):
+        return f"{table.settings.get('flavour', 'native')} {text}"
+    return text
+
+
+def placed(table: PartTable, files: Mapping[str, Path]) -> PartTable:
+    """A table with other files in the place of those that it names."""
+    found = {
+        key: str(files[reference(table, key)])
+        for key in (table.kind, "parameters")
+        if key in table.settings and reference(table, key) in files
+    }
+    return replace(table, settings={**table.settings, **found}) if found else table
 
 
 def moved_part(parts: Mapping[str, Part]) -> str:

@@ -14,11 +14,11 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
-from harness.errors import ProblemsError, nearest
+from harness.errors import ProblemsError, SteadytipError, nearest
 from harness.parts import Part, Port
 from harness.scenario import Wire
 
-__all__ = ["Link", "Wiring", "connect", "cross", "split", "stable_order"]
+__all__ = ["Link", "Wiring", "connect", "cross", "split", "stable_order", "tap"]
 
 
 @dataclass(frozen=True)
@@ -152,6 +152,45 @@ def cross(
     for wire in _by_name(parts, buses, list(kept)):
         kept[wire.target] = wire
     return list(kept.values()), notes
+
+
+def tap(
+    wires: Sequence[Wire], parts: Mapping[str, Part], place: str, entry: str, exit: str
+) -> list[Wire]:
+    """Wires with something put into one of them, before its delay.
+
+    Args:
+        wires: as the scenario has them.
+        parts: by name.
+        place: `part.port`: an output, for all wires from it, or an input, for the wire to it.
+        entry: `part.port` that takes the signal.
+        exit: `part.port` that gives it on.
+
+    Raises:
+        SteadytipError: no wire begins or ends there, or its values are not Real.
+    """
+    found: list[Wire] = []
+    sources: dict[str, Port] = {}
+    labels: set[str] = set()
+    for wire in wires:
+        links = list(_expand(wire, parts, []))
+        ends = [(f"{k.source_part}.{k.source}", f"{k.target_part}.{k.target}") for k in links]
+        labels.update(label for both in ends for label in both)
+        if not any(place in both for both in ends):
+            found.append(wire)
+            continue
+        for link, (source, target) in zip(links, ends, strict=True):
+            hit = place in (source, target)
+            found.append(Wire(exit if hit else source, target, wire.delay))
+            if hit:
+                sources[source] = _port(parts[link.source_part].outputs, link.source)
+    if not sources:
+        raise SteadytipError(f"no wire begins or ends at '{place}'; {nearest(place, labels)}")
+    for source, port in sources.items():
+        if port.type != "Real":
+            raise SteadytipError(f"'{source}' is {port.type}; only Real signals can go wrong")
+        found.append(Wire(source, entry))
+    return found
 
 
 def _by_name(

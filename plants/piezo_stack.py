@@ -93,6 +93,15 @@ class Rows(Derived):
     charging = real(None, "what is left of a voltage step")
     creep = real(None, "what is left of creep", shape=5)
     mode = real(None, "transition of (y, y' / w) about its forced motion", shape=(2, 2))
+    stiffness = real("1/V", "4 k of the slip's equation x + k x^2 = over")
+    growth = real("1/V", "growth of the slip thresholds with the voltage")
+    growth_at_rest = real(None, "slip thresholds at 0 V, by those at the middle voltage")
+    steepness = real("1/V", "of the loop, rising and falling", shape=2)
+    loop_end = real("V", "h that it tends to, rising and falling", shape=2)
+    gains = real("m/V", "s with its deviation")
+    pace = real("rad/s", "w")
+    period = real("s/rad", "1 / w")
+    late = real(None, "2 zeta / (w h)")
 
 
 class X(State):
@@ -119,14 +128,25 @@ def derive(p: Params, T: float) -> Rows:
     turning = ca.sqrt(1 - p.damping**2)
     left = ca.exp(-p.damping * w * h)
     c, s = ca.cos(turning * w * h), ca.sin(turning * w * h) / turning
+    growth = p.slip_growth / p.middle_voltage
+    lopsided = 1 + p.loop_lopsidedness * ca.DM([1, -1])
     return Rows(
         charging=ca.exp(-h / p.charging_time),
         creep=ca.exp(-h / p.creep_time),
         mode=left * ca.vertcat(ca.horzcat(c + p.damping * s, s), ca.horzcat(-s, c - p.damping * s)),
+        stiffness=4 * h / p.slip_resistance**2,
+        growth=growth,
+        growth_at_rest=1 - p.slip_growth,
+        steepness=lopsided / p.loop_width,
+        loop_end=p.loop_width / lopsided,
+        gains=p.gain * (1 + p.gain_error),
+        pace=w,
+        period=1 / w,
+        late=2 * p.damping / (w * h),
     )
 
 
-def slip(p: Params, held: Any, charge: Any, rise: Any, h: float) -> Any:
+def slip(p: Params, held: Any, charge: Any, rise: Any, derived: Rows) -> Any:
     """Slip voltages F_i after a step, (6,) [V].
 
     Args:
@@ -134,31 +154,33 @@ def slip(p: Params, held: Any, charge: Any, rise: Any, h: float) -> Any:
         held: F_i before, (6,) [V].
         charge: v at the end of the step [V].
         rise: change of v in it [V].
-        h: length of the step [s].
+        derived: what follows from the parameters and the length of the step.
     """
-    growth = 1 + p.slip_growth * (charge / p.middle_voltage - 1)
+    growth = derived.growth_at_rest + derived.growth * charge
     threshold = p.slip_threshold * ca.fmax(LEAST_THRESHOLD, growth)
     trial = held + rise
     over = ca.fmax(ca.fabs(trial) - threshold, 0)
     # Implicit Euler: x + k x^2 = over, x what is left beyond the threshold. The root is written so
     # that it loses no digits where k over is small.
-    k = h / p.slip_resistance**2
-    left = 2 * over / (1 + ca.sqrt(1 + 4 * k * over))
-    return trial - ca.sign(trial) * (over - left)
+    left = 2 * over / (1 + ca.sqrt(1 + derived.stiffness * over))
+    return trial - ca.copysign(over - left, trial)
 
 
-def loop(p: Params, held: Any, rise: Any) -> Any:
+def loop(derived: Rows, held: Any, rise: Any) -> Any:
     """Loop h after a step [V], exact for a voltage that goes one way."""
-    steepness = (1 + p.loop_lopsidedness * ca.sign(rise)) / p.loop_width
-    end = ca.sign(rise) / steepness
+    steepness, width = (
+        ca.if_else(rise > 0, either[0], either[1])
+        for either in (derived.steepness, derived.loop_end)
+    )
+    end = ca.sign(rise) * width
     return end + (held - end) * ca.exp(-steepness * ca.fabs(rise))
 
 
-def ceramic(p: Params, x: X) -> Any:
+def ceramic(p: Params, derived: Rows, x: X) -> Any:
     """Stroke y_i of the ceramic without creep [m]."""
     strained = x.charge - ca.dot(p.slip_weight, x.slip) - p.loop_weight * x.loop
-    bend = 1 + p.gain_slope * strained + p.gain_curvature * strained**2
-    return p.gain * (1 + p.gain_error) * strained * bend
+    bend = 1 + strained * (p.gain_slope + p.gain_curvature * strained)
+    return derived.gains * strained * bend
 
 
 def substep(p: Params, volts: Any, x: X, h: float, derived: Rows) -> X:
@@ -166,19 +188,23 @@ def substep(p: Params, volts: Any, x: X, h: float, derived: Rows) -> X:
     charge = volts + (x.charge - volts) * derived.charging
     rise = charge - x.charge
     moved = x.replace(
-        charge=charge, slip=slip(p, x.slip, charge, rise, h), loop=loop(p, x.loop, rise)
+        charge=charge,
+        slip=slip(p, x.slip, charge, rise, derived),
+        loop=loop(derived, x.loop, rise),
     )
-    before, after = ceramic(p, x), ceramic(p, moved)
+    before, after = ceramic(p, derived, x), ceramic(p, derived, moved)
     aim = p.creep_share * (before + after) / 2
     creep = aim + (x.creep - aim) * derived.creep
 
     # Forced by a straight run from `start` to `end`, the mode follows it 2 zeta / w late.
     start, end = before + ca.sum1(x.creep), after + ca.sum1(creep)
-    w = 2 * math.pi * p.resonance
-    slope = (end - start) / h
-    late = 2 * p.damping / w * slope
-    free = derived.mode @ ca.vertcat(x.stroke - (start - late), (x.velocity - slope) / w)
-    return moved.replace(creep=creep, stroke=end - late + free[0], velocity=slope + w * free[1])
+    way = end - start
+    slope, late = way * (1 / h), derived.late * way
+    free = derived.mode @ ca.vertcat(
+        x.stroke - (start - late), (x.velocity - slope) * derived.period
+    )
+    velocity = slope + derived.pace * free[1]
+    return moved.replace(creep=creep, stroke=end - late + free[0], velocity=velocity)
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:

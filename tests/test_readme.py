@@ -45,9 +45,11 @@ def test_the_model_on_the_page_becomes_a_valid_fmu(tmp_path, monkeypatch) -> Non
     assert validate_fmu(str(tmp_path / "LowPass.fmu")) == []
 
 
-def test_the_scenario_on_the_page_is_toml() -> None:
-    (text,) = blocks("toml")
+def test_the_scenario_and_the_fault_on_the_page_are_what_they_say() -> None:
+    text, fault = blocks("toml")
     assert tomllib.loads(text)["extends"] == "closed_loop"
+    system = assemble(load("closed_loop", tomllib.loads(fault)))
+    assert [(e.tick, e.part) for e in system.events] == [(5000, "fault_sensors_volts_a3y")]
 
 
 def test_every_command_on_the_page_exists() -> None:

@@ -253,56 +253,68 @@ def smooth(progress: Any) -> ca.SX:
     return progress**2 * (3 - 2 * progress)
 
 
-def drive(
-    p: Params, derived: Operators, strokes: Any, x: Memory, T: float
-) -> tuple[Memory, ca.SX, ca.SX, ca.SX]:
-    """Voltages that give strokes, by the operator that is chosen.
-
-    Args:
-        p: parameters.
-        derived: what follows from them.
-        strokes: lambda, (3,) [m].
-        x: what the stacks remember.
-        T: sample period [s].
-
-    Returns:
-        What they remember then, voltages, (3,) [V], whether one had to be limited, and whether a
-        stack is to move faster than its operator can be inverted.
-    """
+def by_stops(T: float) -> ca.Function:
+    """(p, operators, strokes, memory) -> (memory, volts, limited, singular), by modulated stops."""
+    p, d = ca.MX.sym("p", Params.size()), ca.MX.sym("d", Operators.size())
+    strokes, memory = ca.MX.sym("strokes", 3), ca.MX.sym("memory", Memory.size())
+    parameters, derived, x = Params.unpack(p), Operators.unpack(d), Memory.unpack(memory)
     values: dict[str, Any] = {}
-    volts, limited, singular = [], [], []
-    by_stops = p.operator == STOPS
-    for number, played, stopped in _stacks(p):
-        place = number - 1
-        stroke, rate = strokes[place], (strokes[place] - x.strokes[place]) / T
-        v_p, limited_p, memory_p, singular_p = inverse_plays.drive(
-            _chosen(p, played),
-            getattr(derived, f"limits_{number}"),
-            p.amplifier,
-            stroke,
-            rate,
-            getattr(x, f"plays_{number}"),
-        )
-        v_s, limited_s, memory_s = inverse_stops.drive(
+    volts, limited = [], []
+    for number, _, stopped in _stacks(parameters):
+        v, too_far, values[f"stops_{number}"] = inverse_stops.drive(
             stopped,
             getattr(derived, f"constants_{number}"),
-            p.amplifier,
-            stroke,
+            parameters.amplifier,
+            strokes[number - 1],
             getattr(x, f"stops_{number}"),
         )
-        values[f"plays_{number}"], values[f"stops_{number}"] = memory_p, memory_s
-        volts.append(ca.if_else(by_stops, v_s, v_p))
-        limited.append(ca.if_else(by_stops, limited_s, limited_p))
-        singular.append(ca.logic_and(p.operator == RATE_DEPENDENT, singular_p))
-    following = Memory(strokes=strokes, **values)
+        volts.append(v)
+        limited.append(too_far)
+    following = x.replace(strokes=strokes, **values)
+    results = [following.pack(), ca.vertcat(*volts), limited[0] + limited[1] + limited[2] > 0, 0]
+    return ca.Function("by_stops", [p, d, strokes, memory], results)
+
+
+def by_plays(T: float) -> ca.Function:
+    """(p, operators, strokes, memory) -> (memory, volts, limited, singular), by the other two."""
+    p, d = ca.SX.sym("p", Params.size()), ca.SX.sym("d", Operators.size())
+    strokes, memory = ca.SX.sym("strokes", 3), ca.SX.sym("memory", Memory.size())
+    parameters, derived, x = Params.unpack(p), Operators.unpack(d), Memory.unpack(memory)
+    values: dict[str, Any] = {}
+    volts, limited, singular = [], [], []
+    for number, played, _ in _stacks(parameters):
+        place = number - 1
+        v, too_far, values[f"plays_{number}"], too_fast = inverse_plays.drive(
+            _chosen(parameters, played),
+            getattr(derived, f"limits_{number}"),
+            parameters.amplifier,
+            strokes[place],
+            (strokes[place] - x.strokes[place]) / T,
+            getattr(x, f"plays_{number}"),
+        )
+        volts.append(v)
+        limited.append(too_far)
+        singular.append(too_fast)
+    following = x.replace(strokes=strokes, **values)
     any_limited, any_singular = (ca.mmax(ca.vertcat(*flags)) for flags in (limited, singular))
-    return following, ca.vertcat(*volts), any_limited, any_singular
+    fast = ca.logic_and(parameters.operator == RATE_DEPENDENT, any_singular)
+    results = [following.pack(), ca.vertcat(*volts), any_limited, fast]
+    return ca.Function("by_plays", [p, d, strokes, memory], results, {"cse": True})
 
 
-def act(
+@cache
+def driving(T: float) -> ca.Function:
+    """(by stops, p, operators, strokes, memory) -> (memory, volts, limited, singular).
+
+    Voltages that give strokes, by the operator that is chosen; the memories of the others rest.
+    """
+    return ca.Function.if_else("drive", by_stops(T), by_plays(T))
+
+
+def aim(
     p: Params, derived: Operators, u: In, tremor: Any, x: Driving, T: float
-) -> tuple[Driving, Command]:
-    """Voltages against a tremor.
+) -> tuple[Any, Any, Any, Any]:
+    """Strokes against a tremor.
 
     Args:
         p: parameters.
@@ -311,6 +323,10 @@ def act(
         tremor: y_W, (3,) [m].
         x: memory and progress.
         T: sample period [s].
+
+    Returns:
+        Strokes, (3,) [m], whether they are all that is wanted, and progress of start and
+        correction.
     """
     rise = ca.fmin(x.rise + T / p.rise_time, 1.0)
     wanted = ca.logic_and(ca.logic_and(u.valid, ca.logic_not(u.hold)), rise >= 1)
@@ -324,28 +340,53 @@ def act(
     )
     initial = derived.initial_strokes
     strokes = initial + smooth(rise) * (strokes - initial)
-    begun = initial_memory(p, initial).pack()
-    memory = Memory.unpack(ca.if_else(x.started, x.stacks.pack(), begun))
-    stacks, volts, limited, singular = drive(p, derived, strokes, memory, T)
-    following = Driving(stacks=stacks, started=1.0, rise=rise, engagement=engagement)
-    return following, Command(
+    return strokes, reachable, rise, engagement
+
+
+@cache
+def aiming(T: float) -> ca.Function:
+    """(p, operators, u, tremor, driving) -> (strokes, reachable, rise, engagement): `aim`."""
+    records = (Params, Operators, In, Driving)
+    p, d, u, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
+    tremor = ca.SX.sym("tremor", 3)
+    unpacked = (Params.unpack(p), Operators.unpack(d), In.unpack(u))
+    results = aim(*unpacked, tremor, Driving.unpack(x), T)
+    return ca.Function("aim", [p, d, u, tremor, x], list(results), {"cse": True})
+
+
+@cache
+def beginning() -> ca.Function:
+    """(started, p, strokes, memory) -> memory of the stacks, or the initial one."""
+    p, strokes = ca.SX.sym("p", Params.size()), ca.SX.sym("strokes", 3)
+    memory = ca.SX.sym("memory", Memory.size())
+    arguments = [p, strokes, memory]
+    begun = initial_memory(Params.unpack(p), strokes).pack()
+    keeping = ca.Function("keep_memory", arguments, [memory])
+    return ca.Function.if_else("begin", keeping, ca.Function("begin_memory", arguments, [begun]))
+
+
+@cache
+def acting(T: float) -> ca.Function:
+    """(p, operators, u, tremor, driving) -> (driving, command): voltages against a tremor."""
+    records = (Params, Operators, In, Driving)
+    p, d, u, state = (ca.MX.sym(record.__name__, record.size()) for record in records)
+    tremor = ca.MX.sym("tremor", 3)
+    parameters, derived, x = Params.unpack(p), Operators.unpack(d), Driving.unpack(state)
+    strokes, reachable, rise, engagement = aiming(T)(p, d, u, tremor, state)
+    memory = beginning()(x.started, p, derived.initial_strokes, x.stacks.pack())
+    following, volts, limited, singular = driving(T)(
+        parameters.operator == STOPS, p, d, strokes, memory
+    )
+    driven = Driving(
+        stacks=Memory.unpack(following), started=ca.MX(1.0), rise=rise, engagement=engagement
+    )
+    command = Command(
         volts=volts,
         engagement=smooth(engagement),
         saturated=ca.logic_or(ca.logic_not(reachable), limited),
         singular=singular,
     )
-
-
-@cache
-def acting(T: float) -> ca.Function:
-    """(p, operators, u, tremor, driving) -> (driving, command): `act`, by elements."""
-    records = (Params, Operators, In, Driving)
-    p, d, u, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
-    tremor = ca.SX.sym("tremor", 3)
-    unpacked = (Params.unpack(p), Operators.unpack(d), In.unpack(u))
-    following, command = act(*unpacked, tremor, Driving.unpack(x), T)
-    columns = [following.pack(), command.pack()]
-    return ca.Function("act", [p, d, u, tremor, x], columns, {"cse": True})
+    return ca.Function("act", [p, d, u, tremor, state], [driven.pack(), command.pack()])
 
 
 @cache
@@ -457,17 +498,26 @@ def put_out(command: Any, tremor: Any, tone: Any) -> Out:
     )
 
 
-def chosen_tremor(p: Params, u: In, tone: Any, forecasted: Any) -> Any:
-    """y_W, (3,) [m], from both filters' outputs, that of the first packed."""
+@cache
+def choosing() -> ca.Function:
+    """(filter, u, tone's tremor, forecast) -> y_W, (3,) [m]: the tremor of the filter chosen."""
+    choice, inputs = ca.SX.sym("choice"), ca.SX.sym("u", In.size())
+    tone, forecasted = ca.SX.sym("tone", 3), ca.SX.sym("forecast", 3)
+    u = In.unpack(inputs)
     choices = {
-        TONES: wflc_flc.Out.unpack(tone).tremor,
+        TONES: tone,
         INERTIAL: rotations.matrix(u.attitude) @ forecasted,
         EXTERNAL: u.external_tremor,
     }
     tremor = forecasted
-    for choice, found in choices.items():
-        tremor = ca.if_else(p.tremor_filter == choice, found, tremor)
-    return tremor
+    for number, found in choices.items():
+        tremor = ca.if_else(choice == number, found, tremor)
+    return ca.Function("choose_tremor", [choice, inputs, tone, forecasted], [tremor])
+
+
+def chosen_tremor(p: Params, u: In, tone: Any, forecasted: Any) -> Any:
+    """y_W, (3,) [m], from both filters' outputs, that of the first packed."""
+    return choosing()(p.tremor_filter, u.pack(), wflc_flc.Out.unpack(tone).tremor, forecasted)
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
@@ -510,9 +560,8 @@ def answer(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
 
 
 def operators_of(derived: Precomputed) -> Any:
-    """What follows from the parameters less the forecaster's band-pass, packed."""
-    values = {name: getattr(derived, name) for name in Operators.fields}
-    return Operators(**values).pack()
+    """What follows from the parameters less the forecaster's band-pass, packed; it comes first."""
+    return derived.pack()[: Operators.size()]
 
 
 MODEL = Model(

@@ -20,7 +20,7 @@ from fmu_src.kit import Model
 from fmu_src.kit.container import Container
 from fmu_src.kit.model import symbols_in
 from fmu_src.kit.records import Field, Scalar
-from fmu_src.pack import wiring
+from fmu_src.pack import lean, wiring
 
 ENTRY = "fmu.c"
 SINGLE_PRECISION = "STEADYTIP_FLOAT"
@@ -102,6 +102,7 @@ def functions(model: Model) -> str:
         text = (Path(folder) / "functions.c").read_text(encoding="utf-8")
     text = _EXPORTED.sub(lambda found: _kept(found, called), text)
     text = _HEAD.sub(rf"\1{_UNUSED}", text)
+    text = lean.lean(text)
     # Some patterns name others, as a macro; what nothing names goes.
     while (short := _PATTERN.sub(partial(_named, Counter(_NAME.findall(text))), text)) != text:
         text = short

@@ -65,8 +65,11 @@ _HOSTS = {
     ("Darwin", "x86_64"): "darwin64",
     ("Darwin", "arm64"): "aarch64-darwin",
 }
-# No fused multiply-add: then platforms agree to the last bits, bit for bit without sin and cos.
-_FLAGS = ("-std=c99", "-O2", "-ffp-contract=off", "-fvisibility=hidden", "-shared")
+# No fused multiply-add: then platforms agree to the last bits, bit for bit without sin and cos. And
+# nobody reads `errno`, for which a square root would become a call.
+_FLAGS = (
+    "-std=c99", "-O2", "-ffp-contract=off", "-fno-math-errno", "-fvisibility=hidden", "-shared"
+)  # fmt: skip
 # Mach-O universal: magic, and CPU type and subtype by the first part of zig's triple.
 _FAT_MAGIC = 0xCAFEBABE
 _CPU = {"x86_64": (0x01000007, 3), "aarch64": (0x0100000C, 0)}

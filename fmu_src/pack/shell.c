@@ -214,7 +214,10 @@ static void say_bounds(Instance *c, const Variable *v) {
 }
 
 static int within(const Variable *v, Real value) {
-    return isfinite(value) && value >= (Real)v->min && value <= (Real)v->max;
+#if defined(STEADYTIP_FLOAT)
+    if (!isfinite(value)) return 0; /* DBL_MAX is infinite as a float */
+#endif
+    return value >= (Real)v->min && value <= (Real)v->max; /* limits are finite, at most DBL_MAX */
 }
 
 static int legal(Instance *c, const char *where, uint32_t modes) {
@@ -329,18 +332,18 @@ static void lay_out(Instance *c, const Real *arg[]) {
     arg[4] = c->draws;
 }
 
-/* Whether all values are finite: x - x is 0 or not a number. Several sums, since one would wait. */
+/* Whether all values are finite: else their sum is not. It is not either where finite ones sum up to
+ * more than there is, which costs no more than looking again. Several sums, since one would wait. */
+#define SUMS 16
 static int all_finite(const Real *x, int n) {
-    Real sum[4] = {0, 0, 0, 0};
-    int i;
-    for (i = 0; i + 4 <= n; i += 4) {
-        sum[0] += x[i] - x[i];
-        sum[1] += x[i + 1] - x[i + 1];
-        sum[2] += x[i + 2] - x[i + 2];
-        sum[3] += x[i + 3] - x[i + 3];
+    Real sum[SUMS] = {0};
+    int i, j;
+    for (i = 0; i + SUMS <= n; i += SUMS) {
+        for (j = 0; j < SUMS; j++) sum[j] += x[i + j];
     }
-    for (; i < n; i++) sum[0] += x[i] - x[i];
-    return sum[0] + sum[1] + sum[2] + sum[3] == 0;
+    for (; i < n; i++) sum[0] += x[i];
+    for (j = 1; j < SUMS; j++) sum[0] += sum[j];
+    return isfinite(sum[0]);
 }
 
 /* Whether values are surely within limits that lie close together. */

@@ -4,11 +4,12 @@
     y    = demand, a horizon h ahead                     `demand`
     z    = modulated stops                               the operator of `modulated_stops`
 
-For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So the
-values at all break points are laid out by running sums, the two that enclose y are picked, and the
-cubic between them is solved by Newton's method from a place it cannot leave: no search that could
-end early. The memory that is carried is the operator's own, moved by the voltage really sent; it
-never parts from the stack's for a voltage limit or a change of the gain.
+For a given memory the operator is a cubic between break points H_i -+ r_i, and it rises. So where
+no break point lies between the last voltage and the next, the cubic there is solved by Newton's
+method at once. Else the values at all break points are laid out by running sums, the two that
+enclose y are picked, and the cubic between them is solved, from a place it cannot leave: no search
+that could end early. The memory that is carried is the operator's own, moved by the voltage really
+sent; it never parts from the stack's for a voltage limit or a change of the gain.
 
 Gain adaptation, for an instrument that measures its stroke: where `adaptation_time` is not 0 and
 `measured_valid`, with both signals above CORNER,
@@ -29,6 +30,7 @@ follows a drift of the stack's gain, slowly enough to see nothing of sensor nois
 """
 
 import math
+from dataclasses import dataclass
 from typing import Any
 
 import casadi as ca
@@ -41,12 +43,16 @@ from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
 SAMPLE_PERIOD = 1e-3
 NEWTON_STEPS = 5
 """The cubic bends by some percent between two break points; each step squares what is left."""
+FEW_STEPS, SMALL_STEP = 3, 1e-8
+"""From a voltage that is near already; the last of them squares a share of the span this small."""
 TOLERANCE = 0.1e-9
 """Stroke by which a solution may miss the demand before it counts as limited [m]."""
 CORNER = 2.0
 """Of the high-pass ahead of the adaptation [Hz]: below tremor, above creep."""
 LARGEST_GAIN = 1.5
 """Of the adaptation, and the reciprocal of the smallest."""
+SAME = 1e-14
+"""Share of the span by which rounding may keep a play from its end."""
 SMALLEST_POWER = (0.05e-6) ** 2
 """Least mean square of the demand that the adaptation counts with [m2]: a rest teaches nothing."""
 
@@ -93,8 +99,106 @@ class Precomputed(Derived):
     operator: Any = Constants
 
 
-def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> ca.SX:
-    """Voltage at which the operator gives a stroke, within the amplifier's range [V].
+@dataclass(frozen=True)
+class Piece:
+    """The operator between two neighbouring break points: a cubic in the share of the span.
+
+    Args:
+        p: the operator.
+        derived: what follows from its parameters.
+        low, high: what stops at their ends and the plays of the others sum up to, by the weights
+            at either end of the range, at a = 0 [m].
+        low_slope, high_slope: sums of the weights of those that move [m].
+    """
+
+    p: Stops
+    derived: Constants
+    low: Any
+    low_slope: Any
+    high: Any
+    high_slope: Any
+
+    @property
+    def linear(self) -> Any:
+        """Slope of the stroke at a = 0 [m]."""
+        return self.p.polynomial[0] + self.derived.steepness + self.low - self.low_slope - self.high
+
+    @property
+    def square(self) -> Any:
+        """Coefficient of a^2 [m]."""
+        return self.p.polynomial[1] + self.low_slope - self.high_slope
+
+    def stroke(self, a: Any) -> Any:
+        """What the voltage of this sample makes of the stroke [m]."""
+        return a * (self.linear + a * (self.square + a * self.p.polynomial[2])) - self.low
+
+    def solved(self, wanted: Any, start: Any, bottom: Any, top: Any, steps: int) -> tuple[Any, Any]:
+        """Share of the span within bottom and top at which the stroke is wanted, and last step."""
+        least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * self.p.span
+        a = before = ca.fmin(ca.fmax(start, bottom), top)
+        for _ in range(steps):
+            before = a
+            slope = self.linear + a * (2 * self.square + a * 3 * self.p.polynomial[2])
+            miss = self.stroke(a) - wanted
+            a = ca.fmin(ca.fmax(a - miss / ca.fmax(slope, least), bottom), top)
+        return a, ca.fabs(a - before)
+
+
+def nearby(
+    p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
+) -> tuple[Any, Any]:
+    """Voltage that gives a stroke, if there is no break point between it and the last one.
+
+    Args:
+        p: the operator.
+        derived: what follows from its parameters.
+        amplifier: range of the voltage.
+        stroke: stroke wanted at the end of the sample [m].
+        x: memory of the stack.
+
+    Returns:
+        Voltage within the amplifier's range [V], and whether it is the one.
+    """
+    wanted = stroke - settled(p, derived, x)
+    share = derived.share
+    here = ca.fmin(ca.fmax(x.volts, amplifier.lowest), amplifier.highest)
+    low, high = (-share * ca.dot(w, x.plays) for w in (p.weights_low, p.weights_high))
+    resting = Piece(p, derived, low, derived.low_sum, high, derived.high_sum)
+    side = ca.if_else(resting.stroke(share * here) < wanted, 1.0, -1.0)
+    # How far each play is from its end in the direction of the voltage [V]. Those that are there
+    # hold back as much as here.
+    way = (p.thresholds + side * x.plays) - side * here
+    ended = way <= SAME * p.span
+    low_ended, high_ended = (
+        ca.sum1(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
+    )
+    ahead = Piece(
+        p,
+        derived,
+        low + share * here * low_ended,
+        derived.low_sum - low_ended,
+        high + share * here * high_ended,
+        derived.high_sum - high_ended,
+    )
+    limit = ca.if_else(side > 0, amplifier.highest - here, here - amplifier.lowest)
+    reach = _smallest([limit, *ca.vertsplit(ca.if_else(ended, limit, way))])
+    end = share * (here + side * reach)
+    bottom, top = ca.fmin(share * here, end), ca.fmax(share * here, end)
+    a, last = ahead.solved(wanted, share * here, bottom, top, FEW_STEPS)
+    reached = side * (ahead.stroke(end) - wanted) >= 0
+    return a * p.span, ca.logic_and(ca.logic_or(reached, reach >= limit), last <= SMALL_STEP)
+
+
+def _smallest(values: list[Any]) -> Any:
+    """Of some, by pairs, since in a row each would wait for the one before."""
+    while len(values) > 1:
+        pairs = zip(values[::2], values[1::2], strict=False)
+        values = [ca.fmin(one, other) for one, other in pairs] + values[len(values) // 2 * 2 :]
+    return values[0]
+
+
+def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
+    """Voltage that gives a stroke, within the amplifier's range, whatever lies between [V].
 
     Args:
         p: the operator.
@@ -104,8 +208,8 @@ def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
         x: memory of the stack.
     """
     wanted = stroke - settled(p, derived, x)
-    r, plays = p.thresholds / p.span, x.plays / p.span
-    lowest, highest = amplifier.lowest / p.span, amplifier.highest / p.span
+    r, plays = p.thresholds * derived.share, x.plays * derived.share
+    lowest, highest = amplifier.lowest * derived.share, amplifier.highest * derived.share
 
     def value(a: Any, low: Any, low_slope: Any, high: Any, high_slope: Any) -> Any:
         """Stroke at a, where the stops sum up to low + low_slope a, and high + high_slope a."""
@@ -138,20 +242,45 @@ def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
     middle = (bottom + top) / 2
     ended = ca.fabs(middle - plays) > r
     still = ca.if_else(ended, ca.sign(middle - plays) * r, -plays)
-    low, high = ca.dot(p.weights_low, still), ca.dot(p.weights_high, still)
-    low_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_low))
-    high_slope = ca.sum1(ca.if_else(ended, 0.0, p.weights_high))
-    # The stroke by powers of a between the two.
-    cubic = p.polynomial[2]
-    square = p.polynomial[1] + low_slope - high_slope
-    linear = p.polynomial[0] + derived.steepness + low - low_slope - high
-    least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * p.span
-    a = ca.fmin(ca.fmax(x.volts / p.span, bottom), top)
-    for _ in range(NEWTON_STEPS):
-        miss = a * (linear + a * (square + a * cubic)) - low - wanted
-        slope = linear + a * (2 * square + a * 3 * cubic)
-        a = ca.fmin(ca.fmax(a - miss / ca.fmax(slope, least), bottom), top)
+    sums = []
+    for weights in (p.weights_low, p.weights_high):
+        sums += [ca.dot(weights, still), ca.sum1(ca.if_else(ended, 0.0, weights))]
+    between = Piece(p, derived, *sums)
+    a, _ = between.solved(wanted, x.volts * derived.share, bottom, top, NEWTON_STEPS)
     return a * p.span
+
+
+def _solving() -> ca.Function:
+    """(operator, constants, range, stroke, memory) -> volts."""
+    records = (Stops, Constants, Range, Memory)
+    p, d, a, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
+    stroke = ca.SX.sym("stroke")
+    arguments = [p, d, a, stroke, x]
+    unpacked = (Stops.unpack(p), Constants.unpack(d), Range.unpack(a), stroke, Memory.unpack(x))
+    near = ca.Function("nearby", arguments, list(nearby(*unpacked)), {"cse": True})
+    far = ca.Function("anywhere", arguments, [anywhere(*unpacked)], {"cse": True})
+    given = near.mx_in()
+    volts, found = near(*given)
+    # The search costs four times as much, and few samples need it: calls are not to be inlined,
+    # or both were evaluated.
+    solved = ca.if_else(found, volts, far(*given), True)
+    return ca.Function("solve_stops", given, [solved], {"never_inline": True})
+
+
+SOLVE = _solving()
+
+
+def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
+    """Voltage at which the operator gives a stroke, within the amplifier's range [V].
+
+    Args:
+        p: the operator.
+        derived: what follows from its parameters.
+        amplifier: range of the voltage.
+        stroke: stroke wanted at the end of the sample [m].
+        x: memory of the stack.
+    """
+    return SOLVE(p.pack(), derived.pack(), amplifier.pack(), stroke, x.pack())
 
 
 def drive(

@@ -135,6 +135,9 @@ class Constants(Derived):
 
     left = real(None, "what is left of creep's distance after a sample", shape=LAGS)
     steepness = real("m", "lead p_1 / T", start=0.0)
+    share = real("1/V", "1 / V, which divides by the span")
+    low_sum = real("m", "sum of f")
+    high_sum = real("m", "sum of g")
     smallest_slope = real("m/V", "lower bound of the slope of stroke over voltage")
     defined = condition("whether the operator has an inverse", UNDEFINED)
 
@@ -156,6 +159,9 @@ def derive(p: Stops, T: float) -> Constants:
     return Constants(
         left=ca.exp(-T / p.creep_time),
         steepness=steepness,
+        share=1 / p.span,
+        low_sum=ca.sum1(p.weights_low),
+        high_sum=ca.sum1(p.weights_high),
         smallest_slope=smallest,
         defined=ca.logic_and(ca.logic_and(rising, steady), enough),
     )
@@ -178,14 +184,14 @@ def resting(p: Stops, volts: Any) -> Memory:
 
 def creep(p: Stops, derived: Constants, x: Memory) -> ca.SX:
     """Creep at the end of a sample, which the voltage held in it does not move yet, (LAGS,)."""
-    aim = x.volts / p.span
+    aim = x.volts * derived.share
     return aim + (x.crept - aim) * derived.left
 
 
 def settled(p: Stops, derived: Constants, x: Memory) -> ca.SX:
     """What the stroke holds whatever the voltage of this sample [m]."""
     crept = ca.dot(p.creep, creep(p, derived, x))
-    return crept - derived.steepness * x.volts / p.span
+    return crept - derived.steepness * (x.volts * derived.share)
 
 
 def loading(p: Stops, a: Any) -> ca.SX:
@@ -196,9 +202,10 @@ def loading(p: Stops, a: Any) -> ca.SX:
 def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memory, Out]:
     """One sample."""
     following = remember(p, derived, u.volts, x)
-    a = u.volts / p.span
-    stops = (u.volts - following.plays) / p.span
-    held = ca.dot((1 - a) * p.weights_low + a * p.weights_high, stops)
+    a = u.volts * derived.share
+    left = u.volts - following.plays
+    low, high = ca.dot(p.weights_low, left), ca.dot(p.weights_high, left)
+    held = ((1 - a) * low + a * high) * derived.share
     stroke = settled(p, derived, x) + derived.steepness * a + loading(p, a) - held
     return following, Out(stroke=stroke)
 

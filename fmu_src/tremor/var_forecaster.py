@@ -40,8 +40,10 @@ first one that can be trusted; while they cannot be, the motion goes on as it is
 | tau | memory | time after which motion is forgotten |
 | f_1, f_2 | lowest, highest | band of tremor |
 | f_w | wash_out | corner of the wash-out that the position has been through |
-| R | correlation | of velocities, (9, OWN + 1) by axes and lag |
+| s | motion | (AHEAD + 1, 12): of the sample j strides and q samples ago, axis a, [j, 3 q + a] |
+| R | correlation | of velocities, (OWN + 1, 9): of v_a now with v_b j strides ago, [j, 3 b + a] |
 | A | coefficients | of each axis: OWN, then CROSS of the next axis and of the one after |
+| | fold | (OWN, 9): share of v_b, j strides ago, in the forecast of axis a, [j, 3 a + b] |
 | u | swing | largest second difference lately |
 | y | tremor | tremor at the time t + horizon |
 """
@@ -81,8 +83,9 @@ LARGEST = 1.5
 LEAST_MOVE = 1e-9
 """Second difference below which nothing moves [m]."""
 SIZE = OWN + 2 * CROSS
-HISTORY = STRIDE * AHEAD + 1
 AXES = 3
+LANES = 4
+"""Sums that an inner product is summed up in at once, so that none waits for all terms before."""
 BLOCK = 7
 """Of the least squares' equations, which are solved block by block: it divides SIZE."""
 
@@ -109,10 +112,10 @@ class X(State):
     count = real(None, "samples since the coefficients were computed", min=0.0, max=EVERY)
     unrest = real("m2", "mean square of second differences", shape=3)
     swing = real("m", "u, largest of them lately", shape=3)
-    motion = real("m", "s, newest first", shape=(AXES, HISTORY), listed=False)
-    correlation = real("m2", "R", shape=(AXES**2, OWN + 1), listed=False)
+    motion = real("m", "s", shape=(AHEAD + 1, STRIDE * AXES), listed=False)
+    correlation = real("m2", "R", shape=(OWN + 1, AXES**2), listed=False)
     coefficients = real(None, "A", shape=(SIZE, AXES), listed=False)
-    fold = real(None, "forecast, by velocities", shape=(AXES, AXES * OWN), listed=False)
+    fold = real(None, "forecast, by velocities", shape=(OWN, AXES**2), listed=False)
 
 
 class Out(Outputs):
@@ -155,25 +158,51 @@ def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: f
     )
 
 
-def _regression() -> ca.Function:
-    """(correlation, (AXES^2, OWN + 1), moves, (AXES, STRIDE (OWN + 1)), prior, left) -> blocks.
+def inner(one: Any, other: Any) -> Any:
+    """Inner product of two columns."""
+    products = one * other
+    sums = [ca.sum1(products[lane::LANES]) for lane in range(LANES)]
+    return (sums[0] + sums[1]) + (sums[2] + sums[3])
 
-    For the first axis: of R, its rows of blocks up to the diagonal, then of r, and all but the
-    prior's share. The correlation holds the first block row of the sums C over products of any two
-    lags. Its other entries are the same sums a stride earlier, C_{i+1,j+1} = (C_ij - D_ij) /
-    g^STRIDE, D the products that came in since: so that they are as exact as if each had been
-    summed up by itself. Moves are velocities at every sample, newest first.
+
+def others(axis: int) -> list[int]:
+    """The next axis, and the one after."""
+    return [(axis + turn) % AXES for turn in range(1, AXES)]
+
+
+def following_velocity(coefficients: Any, velocity: Any) -> Any:
+    """Velocity v of the next stride, (AXES,) [m].
+
+    Args:
+        coefficients: A, (SIZE, AXES).
+        velocity: v, newest first, (OWN, AXES) [m].
     """
-    correlation = ca.SX.sym("correlation", AXES**2, OWN + 1)
-    moves = ca.SX.sym("moves", AXES, STRIDE * (OWN + 1))
-    prior, left = ca.SX.sym("prior"), ca.SX.sym("left")
-    # Column q holds the velocities that product q of the last stride was made of.
+    following = []
+    for axis in range(AXES):
+        crossed = [velocity[:CROSS, other] for other in others(axis)]
+        regressors = ca.vertcat(velocity[:, axis], *crossed)
+        following.append(inner(coefficients[:, axis], regressors))
+    return ca.vertcat(*following)
+
+
+def _regression() -> ca.Function:
+    """(correlation, moves, prior, left, left^-STRIDE, scale) -> blocks.
+
+    For the first axis: of R, its rows of blocks up to the diagonal, then of r. The correlation is
+    the first block row of the sums C over products of any two lags. Its other entries are the same
+    sums a stride earlier, C_{i+1,j+1} = (C_ij - D_ij) / g^STRIDE, D the products that came in
+    since: so that they are as exact as if each had been summed up by itself. Moves are velocities
+    at every sample, in the order of the motion.
+    """
+    correlation = ca.SX.sym("correlation", OWN + 1, AXES**2)
+    moves = ca.SX.sym("moves", OWN + 1, STRIDE * AXES)
+    prior, left, back, scale = (ca.SX.sym(n) for n in ("prior", "left", "back", "scale"))
+    # Product q of the last stride was made of the velocities of sample q.
     shares = [left ** (q / 2) for q in range(STRIDE)]
-    before = 1 / left**STRIDE
 
     @cache
     def weighted(lag: int, axis: int) -> list[Any]:
-        return [shares[q] * moves[axis, STRIDE * lag + q] for q in range(STRIDE)]
+        return [shares[q] * moves[lag, AXES * q + axis] for q in range(STRIDE)]
 
     @cache
     def summed(i: int, a: int, j: int, b: int) -> Any:
@@ -181,16 +210,14 @@ def _regression() -> ca.Function:
         if i > j:
             return summed(j, b, i, a)
         if i == 0:
-            return correlation[AXES * b + a, j]
+            return correlation[j, AXES * b + a]
         pairs = zip(weighted(i - 1, a), weighted(j - 1, b), strict=True)
         came_in = sum(one * other for one, other in pairs)
-        return (summed(i - 1, a, j - 1, b) - came_in) * before
+        return (summed(i - 1, a, j - 1, b) - came_in) * back
 
     places = [(lag, 0) for lag in range(1, OWN + 1)]
     places += [(lag, axis) for axis in (1, 2) for lag in range(1, CROSS + 1)]
     keeps = float(np.exp(-2 * np.pi * PRIOR_CORNER * STRIDE * SAMPLE_PERIOD))
-    # Scaled, so that single precision has no very small numbers to work with.
-    scale = 1 / (summed(*places[0], *places[0]) + prior)
     R = ca.SX(ca.Sparsity.lower(SIZE), 0)
     for row, one in enumerate(places):
         for column, other in enumerate(places[: row + 1]):
@@ -200,54 +227,48 @@ def _regression() -> ca.Function:
     starts = range(0, SIZE, BLOCK)
     pieces = [R[i : i + BLOCK, j : j + BLOCK] for i in starts for j in starts if j <= i]
     pieces += [r[i : i + BLOCK] * scale for i in starts]
-    return ca.Function("regression", [correlation, moves, prior, left], pieces)
+    return ca.Function("regression", [correlation, moves, prior, left, back, scale], pieces)
 
 
 def _solver() -> ca.Function:
     """(correlation, moves, prior, left) as in `_regression` -> A, (SIZE,), of the first axis."""
-    regression = _regression()
-    arguments = regression.mx_in()
-    found = list(regression(*arguments))
-    count = SIZE // BLOCK
-    rows = [[found.pop(0) for _ in range(row + 1)] for row in range(count)]
+    correlation = ca.MX.sym("correlation", OWN + 1, AXES**2)
+    moves = ca.MX.sym("moves", OWN + 1, STRIDE * AXES)
+    prior, left = ca.MX.sym("prior"), ca.MX.sym("left")
+    # Scaled, so that single precision has no very small numbers to work with.
+    scale = 1 / (correlation[0, 0] + prior)
+    found = list(_regression()(correlation, moves, prior, left, 1 / left**STRIDE, scale))
+    rows = [[found.pop(0) for _ in range(row + 1)] for row in range(SIZE // BLOCK)]
     solution = ca.vertcat(*blocks.solve(rows, found))
-    return ca.Function("solve_axis", arguments, [solution])
-
-
-def companion(coefficients: Any) -> Any:
-    """First block row of the companion matrix of A, (AXES, AXES OWN), lag by lag.
-
-    Args:
-        coefficients: A, (SIZE, AXES).
-    """
-    places = np.zeros((AXES, AXES * OWN), dtype=int)
-    for axis in range(AXES):
-        for index in range(SIZE):
-            turn, lag = (0, index) if index < OWN else divmod(index - OWN, CROSS)
-            other = axis if index < OWN else (axis + turn + 1) % AXES
-            places[axis, AXES * lag + other] = 1 + SIZE * axis + index
-    padded = ca.vertcat(0, ca.vec(coefficients))
-    return ca.reshape(padded[places.flatten(order="F").tolist()], AXES, AXES * OWN)
+    return ca.Function("solve_axis", [correlation, moves, prior, left], [solution])
 
 
 def _folder() -> ca.Function:
-    """(coefficients, (SIZE, AXES), sums of weights, (AHEAD,)) -> fold, (AXES, AXES OWN).
+    """(coefficients, (SIZE, AXES), sums of weights, (AHEAD,)) -> fold, (OWN, AXES^2).
 
     y holds sum_h later_h v_{k+h}, and v_{k+h} is the first block of F^h applied to the last
     velocities, F the companion matrix of A. So the fold is sum_h later_h E F^h, by Horner's rule
     from the farthest h on; a product with F is a shift and the first block times A.
     """
-    Z = ca.SX.sym("Z", AXES, AXES * OWN)
-    A, g = ca.SX.sym("A", SIZE, AXES), ca.SX.sym("g")
-    first = Z[:, :AXES] + g * ca.SX.eye(AXES)
-    following = ca.horzcat(Z[:, AXES:], ca.SX.zeros(AXES, AXES)) + first @ companion(A)
-    horner = ca.Function("horner", [Z, A, g], [following], {"cse": True})
+    fold, g = ca.SX.sym("fold", OWN, AXES**2), ca.SX.sym("g")
+    A = ca.SX.sym("A", SIZE, AXES)
+    columns = []
+    for axis in range(AXES):
+        first = fold[0, AXES * axis : AXES * (axis + 1)]
+        first[axis] += g
+        for b in range(AXES):
+            column = ca.vertcat(fold[1:, AXES * axis + b], 0) + first[b] * A[:OWN, b]
+            for a in others(b):
+                at = OWN + CROSS * others(a).index(b)
+                column[:CROSS] += first[a] * A[at : at + CROSS, a]
+            columns.append(column)
+    horner = ca.Function("horner", [fold, A, g], [ca.horzcat(*columns)], {"cse": True})
     coefficients = ca.MX.sym("coefficients", SIZE, AXES)
     later = ca.MX.sym("later", AHEAD)
-    fold: Any = ca.MX(ca.DM.zeros(*Z.shape))
+    folded: Any = ca.MX(ca.DM.zeros(*fold.shape))
     for h in reversed(range(AHEAD)):
-        fold = horner(fold, coefficients, later[h])
-    return ca.Function("fold_forecast", [coefficients, later], [fold])
+        folded = horner(folded, coefficients, later[h])
+    return ca.Function("fold_forecast", [coefficients, later], [folded])
 
 
 SOLVE_AXIS, FOLD_FORECAST = _solver(), _folder()
@@ -260,20 +281,19 @@ def learning(T: float) -> ca.Function:
     Args:
         T: sample period [s].
     """
-    count, band = ca.MX.sym("count"), ca.MX.sym("band", Weights.size())
-    state = ca.MX.sym("x", X.size())
+    band, state = ca.MX.sym("band", Weights.size()), ca.MX.sym("x", X.size())
     derived, x = Weights.unpack(band), X.unpack(state)
     correlation: Any = x.correlation
-    moves: Any = x.motion[:, : STRIDE * (OWN + 1)] - x.motion[:, STRIDE : STRIDE * (OWN + 2)]
+    moves: Any = x.motion[: OWN + 1, :] - x.motion[1 : OWN + 2, :]
     parts = []
     for axis in range(AXES):
         # With the axis whose turn it is in front: the solution knows the first axis only.
         order = (axis + np.arange(AXES)) % AXES
-        rows = (AXES * order[:, None] + order).flatten().tolist()
+        pairs = (AXES * order[:, None] + order).flatten().tolist()
+        samples = (AXES * np.arange(STRIDE)[:, None] + order).flatten().tolist()
         prior = AXES * PRIOR / T * (x.unrest[axis] + LEAST_MOVE**2)
-        arguments = (correlation[rows, :], moves[order.tolist(), :], prior, derived.left)
         columns = [x.coefficients[:, other] for other in range(AXES)]
-        columns[axis] = SOLVE_AXIS(*arguments)
+        columns[axis] = SOLVE_AXIS(correlation[:, pairs], moves[:, samples], prior, derived.left)
         parts.append((f"learn_{axis}", ca.horzcat(*columns), x.fold))
     parts.append(("learn_fold", x.coefficients, FOLD_FORECAST(x.coefficients, derived.later)))
     functions = [ca.Function(name, [band, state], results) for name, *results in parts]
@@ -282,37 +302,40 @@ def learning(T: float) -> ca.Function:
 
 
 def moved(position: Any, valid: Any, x: X) -> tuple[Any, Any]:
-    """Origin of the motion, (3,) [m], and the motion with this sample, (AXES, HISTORY) [m].
+    """Origin of the motion, (3,) [m], and the motion at this sample and whole strides before it.
 
     Args:
         position: s, (3,) [m].
         valid: whether it can be trusted.
         x: state.
+
+    Returns:
+        Origin, and motion, newest first, (AHEAD + 1, AXES) [m].
     """
     # Where the motion goes on by itself, a little less each stride.
-    there = x.motion[:, STRIDE - 1 :: STRIDE]
-    moves = ca.vec(there[:, :OWN] - there[:, 1 : OWN + 1])
-    expected = there[:, 0] + FADING * companion(x.coefficients) @ moves
+    there = x.motion[:, -AXES:]
+    moves = there[:OWN, :] - there[1 : OWN + 1, :]
+    expected = there[0, :].T + FADING * following_velocity(x.coefficients, moves)
     origin = ca.if_else(x.tracked, x.origin, position - expected)
     now = ca.if_else(valid, position - origin, expected)
-    return origin, ca.horzcat(now, x.motion[:, :-1])
+    return origin, ca.vertcat(now.T, there[:-1, :])
 
 
 def velocities(motion: Any) -> Any:
-    """v, from stride to stride, newest first, (AXES, OWN + 1) [m]."""
-    strides = motion[:, ::STRIDE]
-    return strides[:, : OWN + 1] - strides[:, 1 : OWN + 2]
+    """v, from stride to stride, newest first, (OWN + 1, AXES) [m]."""
+    return motion[: OWN + 1, :] - motion[1 : OWN + 2, :]
 
 
 def swing(velocity: Any, x: X, T: float) -> Any:
     """u, largest second difference lately, (3,) [m].
 
     Args:
-        velocity: v, newest first, (AXES, OWN + 1) [m].
+        velocity: v, newest first, (OWN + 1, AXES) [m].
         x: state.
         T: sample period [s].
     """
-    return ca.fmax(ca.fabs(velocity[:, 0] - velocity[:, 1]), np.exp(-T / SWING_MEMORY) * x.swing)
+    turn = velocity[0, :] - velocity[1, :]
+    return ca.fmax(ca.fabs(turn.T), np.exp(-T / SWING_MEMORY) * x.swing)
 
 
 def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
@@ -320,15 +343,22 @@ def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
 
     Args:
         derived: what follows from the parameters.
-        motion: with the present sample, (AXES, HISTORY) [m].
+        motion: as from `moved`, (AHEAD + 1, AXES) [m].
         swung: u, (3,) [m].
         seen: time that has been learnt from [s].
         x: state.
     """
-    known = motion[:, ::STRIDE][:, : AHEAD + 1] @ derived.past
-    ahead = derived.later[0] * motion[:, 0] + x.fold @ ca.vec(velocities(motion)[:, :OWN])
+    velocity = velocities(motion)[:OWN, :]
+    tremor = []
+    for axis in range(AXES):
+        known = inner(derived.past, motion[:, axis])
+        shares = [
+            inner(x.fold[:, AXES * axis + other], velocity[:, other]) for other in range(AXES)
+        ]
+        ahead = derived.later[0] * motion[0, axis] + sum(shares)
+        tremor.append(known + ahead)
     limit = derived.reach * swung
-    return seen / LEARNING * ca.fmax(-limit, ca.fmin(limit, known + ahead))
+    return seen / LEARNING * ca.fmax(-limit, ca.fmin(limit, ca.vertcat(*tremor)))
 
 
 def answer(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
@@ -349,7 +379,7 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
         T: sample period [s].
     """
     perceived = perceiving(T)(derived.pack(), position, valid, x.pack())
-    origin, now, correlation, unrest, swung, seen, tremor = perceived
+    origin, motion, correlation, unrest, swung, seen, tremor = perceived
     coefficients, fold = learning(T)(x.count, derived.pack(), x.pack())
     following = X(
         tracked=valid,
@@ -358,7 +388,7 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
         count=ca.if_else(x.count + 1 >= EVERY, 0, x.count + 1),
         unrest=unrest,
         swing=swung,
-        motion=ca.horzcat(now, x.motion[:, :-1]),
+        motion=ca.horzcat(motion, x.motion[:, :-AXES]),
         correlation=correlation,
         coefficients=coefficients,
         fold=fold,
@@ -370,7 +400,7 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
 def perceiving(T: float) -> ca.Function:
     """(band, position, valid, state) -> what a sample tells, by elements.
 
-    That is origin, newest motion, correlation, unrest, swing, time learnt from, and tremor.
+    That is origin, motion by strides, correlation, unrest, swing, time learnt from, and tremor.
 
     Args:
         T: sample period [s].
@@ -380,15 +410,15 @@ def perceiving(T: float) -> ca.Function:
     derived, x = Weights.unpack(band), X.unpack(state)
     origin, motion = moved(position, valid, x)
     velocity = velocities(motion)
-    newest = velocity[:, 0]
-    products = ca.vertcat(*(ca.mtimes(newest, velocity[b, :]) for b in range(AXES)))
-    turn = newest - velocity[:, 1]
+    newest = velocity[0, :].T
+    products = [newest[a] * velocity[:, b] for b in range(AXES) for a in range(AXES)]
+    turn = newest - velocity[1, :].T
     swung = swing(velocity, x, T)
     seen = ca.fmin(x.seen + valid * T, LEARNING)
     results = [
         origin,
-        motion[:, 0],
-        derived.left * x.correlation + products,
+        motion,
+        derived.left * x.correlation + ca.horzcat(*products),
         derived.left * x.unrest + (1 - derived.left) * turn**2,
         swung,
         seen,

@@ -111,11 +111,13 @@ class Run:
         step: period of the loop [s].
         steps: number of ticks.
         workspace: folder for files of this run only, removed at its end.
+        first: tick that the run goes on from; 0 at its beginning. See `Reusable`.
     """
 
     step: float
     steps: int
     workspace: Path
+    first: int = 0
 
 
 class Part(Protocol):
@@ -205,6 +207,40 @@ class Restorable(Protocol):
 
     def free(self, saved: Any) -> None:
         """Give a saved state back."""
+
+
+@runtime_checkable
+class Reusable(Protocol):
+    """A part that perhaps can be started more than once.
+
+    Attributes:
+        kept: whether `close` leaves everything as it is for another `start`. That one begins
+            anew, bit for bit as a new part would; or, with `Run.first` above 0, it goes on from
+            the state that the part is in. One that is not `Restorable` has no state but the time.
+    """
+
+    kept: bool
+
+    def can_pause(self) -> bool:
+        """Whether a run can go on from its state by another `start`."""
+
+    def release(self) -> None:
+        """Free what `close` has left."""
+
+
+@runtime_checkable
+class Adjustable(Protocol):
+    """A part some of whose parameters, and inputs that nothing drives, can be set in a run."""
+
+    def trouble_with(self, name: str, value: Any) -> str:
+        """Why a value cannot be set in a run; empty if it can."""
+
+    def adjust(self, values: Mapping[str, Any]) -> None:
+        """Set values, between two steps.
+
+        Raises:
+            FaultError: one is refused.
+        """
 
 
 @dataclass(frozen=True)

@@ -48,6 +48,7 @@ class Variable:
         type: `Real`, `Integer`, `Boolean` or `String`.
         causality: `parameter`, `input`, `output`, ...
         settable: whether a scenario may give it a start value.
+        tunable: whether it may be set during a run: a tunable parameter, or an input.
         start: as declared; None where there is none.
         unit: name, empty without one.
         low: declared minimum, -inf without one.
@@ -60,6 +61,7 @@ class Variable:
     type: str
     causality: str
     settable: bool
+    tunable: bool
     start: float | int | bool | str | None
     unit: str
     low: float
@@ -249,6 +251,8 @@ def _variable(v: ModelVariable) -> Variable:
         type=kind,
         causality=v.causality,
         settable=settable and v.variability != "constant",
+        tunable=v.causality == "input"
+        or (v.causality == "parameter" and v.variability == "tunable"),
         start=_start(kind, v.start),
         unit=_inherited(v, "unit"),
         low=float(low) if low else -math.inf,

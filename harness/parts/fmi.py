@@ -188,6 +188,7 @@ class Instance:
         Returns:
             `advance(t, h)`; it raises FaultError.
         """
+        self._alive.clear()  # of an earlier stepper, which is not called any more
         setters = self._accessors("Set", [self._description.variables[n] for n in driven], u)
         outputs = [self._description.variables[port.name] for port in self._description.outputs]
         getters = self._accessors("Get", outputs, y)
@@ -234,6 +235,30 @@ class Instance:
 
         read()
         return advance
+
+    @property
+    def worn(self) -> bool:
+        """Whether an error has left it in a state that nobody should go on from."""
+        return self._status >= ERROR
+
+    def reset(self) -> None:
+        """Go back to how it was after instantiation; `begin` is to come again.
+
+        Raises:
+            FaultError: the FMU does not do it.
+        """
+        self._call("Reset", self._fmu.reset)
+        self._messages.clear()
+        self._status = OK
+
+    def adjust(self, values: Mapping[str, Any]) -> None:
+        """Set tunable parameters and inputs, between two steps.
+
+        Raises:
+            FaultError: the FMU refuses a value.
+        """
+        for name, value in values.items():
+            self._set_one(self._description.variables[name], value)
 
     def save(self) -> fmi2FMUstate:
         """Ask the FMU for a copy of its state; `free` gives it back.

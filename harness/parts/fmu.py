@@ -57,27 +57,44 @@ class FmuPart:
             SteadytipError: the FMU cannot be read or does not run on this machine.
         """
         self.name = name
-        try:
-            keys = _Keys.model_validate(dict(settings))
-        except ValidationError as error:
-            raise ProblemsError(
-                f"part '{name}'",
-                [f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}" for e in error.errors()],
-            ) from None
+        keys = self._checked(settings)
         self.description: Description = describe(Path(keys.fmu))
         self.description.binary()
         self.inputs: Sequence[Port] = self.description.inputs
         self.outputs: Sequence[Port] = self.description.outputs
         self.seconds = math.inf
         self.warnings: Sequence[str] = ()
-        problems: list[str] = []
-        self.start_values = self._start_values(keys, problems)
-        if problems:
-            raise ProblemsError(f"part '{name}' ({self.description.path.name})", problems)
-        self._take_seed(seed)
         self._isolate = keys.isolate
         self._instance: Instance | IsolatedInstance | None = None
         self._returns = False
+        self.kept = False
+        self.start_values: dict[str, _Value] = {}
+        self._take(keys, seed)
+
+    def take(self, settings: Settings, seed: int) -> None:
+        """Take start values from other settings of the same FMU, for the next `start`.
+
+        Raises:
+            ProblemsError: everything that is wrong with the settings.
+        """
+        self._take(self._checked(settings), seed)
+
+    def _checked(self, settings: Settings) -> _Keys:
+        try:
+            return _Keys.model_validate(dict(settings))
+        except ValidationError as error:
+            raise ProblemsError(
+                f"part '{self.name}'",
+                [f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}" for e in error.errors()],
+            ) from None
+
+    def _take(self, keys: _Keys, seed: int) -> None:
+        problems: list[str] = []
+        values = self._start_values(keys, problems)
+        if problems:
+            raise ProblemsError(f"part '{self.name}' ({self.description.path.name})", problems)
+        self.start_values = values
+        self._take_seed(seed)
 
     @classmethod
     def prepare(
@@ -110,14 +127,14 @@ class FmuPart:
         y: FloatArray,
     ) -> None:
         """Load, instantiate and initialise the FMU; see `harness.parts.Part.start`."""
-        make = IsolatedInstance if self._isolate else Instance
-        self._instance = make(self.description, self.name, run.workspace)
-        self._instance.begin(
-            stop=run.steps * run.step,
-            start_values=self.start_values,
-            preset=[name for name, there in zip(driven, preset, strict=True) if there],
-            preset_values=u[np.asarray(preset, dtype=bool)] if len(driven) else u,
-        )
+        if run.first == 0:
+            self._begin(run).begin(
+                stop=run.steps * run.step,
+                start_values=self.start_values,
+                preset=[name for name, there in zip(driven, preset, strict=True) if there],
+                preset_values=u[np.asarray(preset, dtype=bool)] if len(driven) else u,
+            )
+        assert self._instance is not None
         self.warnings = self._instance.warnings
         # The loop calls the instance's own function: one Python frame less per part and tick.
         self.advance = self._instance.stepper(driven, u, y, self._returns)  # type: ignore
@@ -125,6 +142,40 @@ class FmuPart:
     def advance(self, t: float, h: float) -> None:
         """See `harness.parts.Part.advance`; replaced by the instance's own function in `start`."""
         raise FaultError(f"was asked for t = {t:g} s, h = {h:g} s before it was started")
+
+    def _begin(self, run: Run) -> Instance | IsolatedInstance:
+        """An instance as new: an earlier run's, if that has left it in order."""
+        if isinstance(self._instance, Instance) and not self.worn:
+            self._instance.reset()
+            return self._instance
+        self.release()
+        make = IsolatedInstance if self._isolate else Instance
+        self._instance = make(self.description, self.name, run.workspace)
+        return self._instance
+
+    @property
+    def worn(self) -> bool:
+        """Whether an error has left the FMU in a state that nobody should go on from."""
+        return isinstance(self._instance, Instance) and self._instance.worn
+
+    def can_pause(self) -> bool:
+        """See `harness.parts.Reusable`: not in a process of its own."""
+        return not self._isolate
+
+    def trouble_with(self, name: str, value: Any) -> str:
+        """See `harness.parts.Adjustable`: only what the FMU declares as tunable, and inputs."""
+        variables = self.description.variables
+        if name not in variables:
+            free = [v.name for v in variables.values() if v.tunable]
+            return f"the FMU has no variable '{name}'; {nearest(name, free)}"
+        if not variables[name].tunable:
+            return f"'{name}' cannot change in a run: the FMU declares it neither tunable nor input"
+        return _trouble(variables[name], value)
+
+    def adjust(self, values: Mapping[str, Any]) -> None:
+        """See `harness.parts.Adjustable`."""
+        assert isinstance(self._instance, Instance)
+        self._instance.adjust(values)
 
     def march(self) -> Calls | None:
         """See `harness.parts.Marching`: an FMU in this process does, an isolated one does not."""
@@ -159,7 +210,12 @@ class FmuPart:
         return True
 
     def close(self) -> None:
-        """Terminate, free and unload the FMU as far as its state allows."""
+        """Terminate, free and unload the FMU as far as its state allows, unless it is kept."""
+        if not self.kept:
+            self.release()
+
+    def release(self) -> None:
+        """See `harness.parts.Reusable`."""
         if self._instance is not None:
             self._instance.close()
             self._instance = None

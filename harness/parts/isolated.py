@@ -29,7 +29,7 @@ from harness.parts import FloatArray
 from harness.parts.description import Description
 from harness.parts.fmi import Instance, Stepper
 
-__all__ = ["IsolatedInstance", "ending"]
+__all__ = ["IsolatedInstance", "end_with_parent", "ending"]
 
 _STEP, _CALL, _CLOSE = range(3)
 _LOOK = 0.05  # s between two looks whether the other process is alive
@@ -197,7 +197,7 @@ def _serve(
 ) -> None:
     """Life of the child: instantiate, then do what is requested at each "go"."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    threading.Thread(target=_end_with_parent, daemon=True).start()
+    threading.Thread(target=end_with_parent, daemon=True).start()
     inputs, outputs = np.frombuffer(u), np.frombuffer(y)[: len(description.outputs)]
 
     def attempt(action: Callable[..., Any], *arguments: Any) -> Any:
@@ -236,7 +236,8 @@ def _serve(
             return
 
 
-def _end_with_parent() -> None:
+def end_with_parent() -> None:
+    """Wait for the parent's end, whatever it is, and end this process with it."""
     parent = multiprocessing.parent_process()
     if parent is not None:
         connection.wait([parent.sentinel])

@@ -77,6 +77,7 @@ class RecordedPart:
         self._time = values_of(table.column("time"))
         step = self._time[1] - self._time[0] if len(self._time) > 1 else np.inf
         self.seconds = float(len(self._time) * step)
+        self.kept = False
 
     @classmethod
     def prepare(
@@ -105,6 +106,13 @@ class RecordedPart:
     def advance(self, t: float, h: float) -> None:
         """Put out the row of `t`; see `harness.parts.Part.advance`."""
         self._y[:] = self._values[min(round(t / h), len(self._values) - 1)]
+
+    def can_pause(self) -> bool:
+        """See `harness.parts.Reusable`: what it puts out depends on the time alone."""
+        return True
+
+    def release(self) -> None:
+        """Nothing has to be freed."""
 
     def march(self) -> Rows:
         """See `harness.parts.Marching`."""

@@ -1,0 +1,73 @@
+"""A run's signals in memory, and no file."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from harness.consistency import consistency_of
+from harness.metrics import metrics_of_result
+
+if TYPE_CHECKING:
+    from harness.metrics import Metric
+    from harness.parts import FloatArray
+    from harness.system import System
+
+__all__ = ["Kept"]
+
+
+class Kept:
+    """Takes the signals of every tick, as `harness.record.Recorder` does; see `result.Signals`."""
+
+    def __init__(self, system: System, facts: Mapping[str, Any]) -> None:
+        """Make room for a whole run.
+
+        Args:
+            system: what is run.
+            facts: about the run, as far as figures of merit need them.
+        """
+        self.facts = facts
+        self.columns: Sequence[str] = [column.name for column in system.columns]
+        self._at = {name: k for k, name in enumerate(self.columns)}
+        self._values = np.zeros((system.steps, len(self.columns)))
+        self.ticks = 0
+        """Rows that are filled; a run that goes on from a tick sets it to that."""
+
+    def append(self, signals: FloatArray) -> None:
+        """Keep one tick, (columns,)."""
+        self._values[self.ticks] = signals
+        self.ticks += 1
+
+    def room(self) -> FloatArray:
+        """See `harness.loop.Record`."""
+        return self._values[self.ticks :]
+
+    def took(self, rows: int) -> None:
+        """See `harness.loop.Record`."""
+        self.ticks += rows
+
+    def relieve(self) -> None:
+        """Nothing is held back."""
+
+    @property
+    def time(self) -> FloatArray:
+        """(n,) instants of the samples [s]."""
+        return np.asarray(np.arange(self.ticks) * self.facts["step"])
+
+    def signals(self, name: str) -> FloatArray:
+        """(n,) a signal by name."""
+        return np.ascontiguousarray(self._values[: self.ticks, self._at[name]])
+
+    def role(self, role: str) -> FloatArray | None:
+        """(n, columns) signals that play a role; None without one."""
+        names = self.facts["roles"].get(role)
+        if not names:
+            return None
+        return np.column_stack([self._values[: self.ticks, self._at[name]] for name in names])
+
+    def metrics(self) -> dict[str, Metric]:
+        """Figures of merit by name, those of `harness.result.Result` that are not of the clock."""
+        found = metrics_of_result(self)
+        return found | {k: v for each in consistency_of(self) for k, v in each.metrics().items()}
