@@ -10,6 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import harness
+from fmu_src.pack import native
 from harness import march
 from harness.errors import PartError
 from harness.loop import Loop
@@ -119,7 +120,7 @@ def test_it_is_compiled_once_and_again_when_damaged(elsewhere, monkeypatch):
     (kept,) = elsewhere.iterdir()
     march.library.cache_clear()
     with monkeypatch.context() as patch:
-        patch.setattr(march, "_compile", lambda *_: pytest.fail("it is there already"))
+        patch.setattr(march, "compiled", lambda *_: pytest.fail("it is there already"))
         assert march.library() is not None
     # In another folder: the system gives a library that is loaded already by its name.
     other = elsewhere.with_name("others")
@@ -129,6 +130,14 @@ def test_it_is_compiled_once_and_again_when_damaged(elsewhere, monkeypatch):
     march.library.cache_clear()
     assert march.library() is not None
     assert (other / kept.name).read_bytes() == kept.read_bytes()
+
+
+@pytest.mark.parametrize("target", native.TARGETS)
+def test_it_compiles_for_every_platform_without_a_warning(target, tmp_path):
+    for part in native.TARGETS[target]:
+        warnings = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-parameter")
+        library = march.compiled(part, tmp_path, *warnings)
+        assert library[:4] in (b"\x7fELF", b"MZ\x90\0", b"MZx\0", b"\xcf\xfa\xed\xfe")
 
 
 def test_without_a_compiler_the_loop_goes_tick_by_tick(
