@@ -55,6 +55,11 @@ def build(
     from fmu_src.pack.containers import build_container
 
     scenario = system.scenario
+    if system.events:
+        raise SteadytipError(
+            f"{scenario.name}: a container does not hold what happens in the middle of a run; leave"
+            " 'change' and 'fault' out"
+        )
     if parts is None:
         members = [name for name in system.wiring.order if name in scenario.parts]
     else:

@@ -78,6 +78,10 @@ def export(
 def _checked(system: System) -> tuple[list[FmuPart], list[Connection]]:
     """Parts in run order and connections, if SSP can hold them."""
     problems = [text for name, part in system.parts.items() for text in _part_problems(name, part)]
+    if system.events:
+        problems.append(
+            "an SSP file does not hold what happens in a run: leave 'change' and 'fault'"
+        )
     if problems:
         raise ProblemsError(system.scenario.name, problems)
     links = {

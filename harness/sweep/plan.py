@@ -79,7 +79,7 @@ class Group:
 
     Attributes:
         numbers: of the runs.
-        key: what they have in common; None of a run that is alone.
+        key: what they have in common; None of runs that are alone.
     """
 
     numbers: deque[int]
@@ -195,7 +195,7 @@ def groups_of(plan: Plan, numbers: Sequence[int]) -> list[Group]:
     """Runs by their beginnings, those of one recording together."""
     changing = plan.faults or any(v.since is not None for v in plan.variables.values())
     if not changing and len(plan.motions) < 2:
-        return [Group(deque([number]), None) for number in numbers]
+        return [Group(deque(numbers), None)]
     found: dict[str, list[tuple[float, int]]] = {}
     motion: dict[str, str] = {}
     for number in numbers:
@@ -203,10 +203,10 @@ def groups_of(plan: Plan, numbers: Sequence[int]) -> list[Group]:
         found.setdefault(case.beginning, []).append((case.first, number))
         motion[case.beginning] = case.motion or ""
     ordered = sorted(found.items(), key=lambda item: motion[item[0]])
-    return [
-        Group(deque(n for _, n in sorted(runs)), key if len(runs) > 1 else None)
-        for key, runs in ordered
-    ]
+    together = [(key, runs) for key, runs in ordered if len(runs) > 1]
+    alone = deque(runs[0][1] for _, runs in ordered if len(runs) == 1)
+    groups = [Group(deque(n for _, n in sorted(runs)), key) for key, runs in together]
+    return [*groups, Group(alone, None)] if alone else groups
 
 
 class Queue:
@@ -218,7 +218,8 @@ class Queue:
         Args:
             groups: runs by their beginnings.
         """
-        self._fresh = list(reversed(groups))
+        self._fresh = [group for group in reversed(groups) if group.key is not None]
+        self._alone = deque(n for group in groups if group.key is None for n in group.numbers)
         self._begun: dict[str, Group] = {}
         """What each worker is at."""
         self.left = sum(len(group.numbers) for group in groups)
@@ -227,7 +228,11 @@ class Queue:
         """A run for a worker, and the key of its beginning; None if there are none left."""
         group = self._begun.get(worker)
         if group is None or not group.numbers:
-            group = self._fresh.pop() if self._fresh else self._share()
+            group = self._fresh.pop() if self._fresh else None
+            if group is None and self._alone:
+                self.left -= 1
+                return self._alone.popleft(), None
+            group = group or self._share()
             if group is None:
                 return None
             self._begun[worker] = group

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import textwrap
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
@@ -22,7 +23,9 @@ __all__ = ["against", "distributions", "influences"]
 _POINTS = 3000
 """Of a scatter; more hide each other."""
 _BINS = 40
-_ROW = 270  # px
+_LABEL = 18
+"""Letters of a line of a level's name."""
+_ROW = 280  # px
 
 
 def _scaled(found: Outcome, column: str) -> tuple[FloatArray, str]:
@@ -35,7 +38,7 @@ def _scaled(found: Outcome, column: str) -> tuple[FloatArray, str]:
 def _grid(count: int) -> tuple[go.Figure, int]:
     rows = -(-count // 2)
     figure = make_subplots(
-        rows=rows, cols=min(count, 2), vertical_spacing=0.16 / max(rows - 1, 1) if rows > 1 else 0.1
+        rows=rows, cols=min(count, 2), vertical_spacing=0.32 / rows if rows > 1 else 0.1
     )
     return figure, _ROW * rows + 60
 
@@ -184,7 +187,7 @@ def _points(
 
 def _levels(whole: go.Figure, row: int, column: int, texts: np.ndarray, y: FloatArray) -> None:
     names = list(dict.fromkeys(texts.tolist()))
-    short = [text if len(text) <= 24 else f"{text[:23]}…" for text in names]
+    short = ["<br>".join(textwrap.wrap(text, _LABEL)) for text in names]
     for text, name in zip(names, short, strict=True):
         whole.add_trace(
             go.Box(
@@ -198,6 +201,7 @@ def _levels(whole: go.Figure, row: int, column: int, texts: np.ndarray, y: Float
             col=column,
         )
     _means(whole, row, column, short, [y[texts == text] for text in names])
+    whole.update_xaxes(tickangle=0, tickfont={"size": 10}, row=row, col=column)
 
 
 def _means(

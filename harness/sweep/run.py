@@ -222,7 +222,8 @@ def _run(
     try:
         while queue.left or at_work:
             for worker in crew.free():
-                given = queue.next(worker)
+                # Threads of one worker keep to one beginning.
+                given = queue.next(worker.partition("#")[0])
                 if given is None:
                     break
                 case = plan.case(*given)

@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from harness.course import proceed
-from harness.errors import FaultError, ProblemsError, RunError, SteadytipError
+from harness.errors import FaultError, ProblemsError, RunError, SteadytipError, StoppedError
 from harness.events import Fault, events_of
 from harness.fused import fuse
 from harness.parts import Part, Restorable, Reusable, Run
@@ -265,6 +265,9 @@ class Stand:
             if outcome.error is not None:
                 raise outcome.error
             return row("ok", metrics=rig.kept.metrics())
+        except StoppedError:
+            # Of the sweep, which runs in this very process: not of one run only.
+            raise KeyboardInterrupt from None
         except RunError as error:
             hanging = _hanging()
             if rig is not None and (hanging or rig.worn):

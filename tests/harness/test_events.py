@@ -5,7 +5,7 @@ import pytest
 
 import harness
 from harness import scenario as scenarios
-from harness.errors import PartError, ProblemsError
+from harness.errors import PartError, ProblemsError, SteadytipError
 from harness.system import assemble
 
 CHAIN = """
@@ -178,3 +178,15 @@ def test_an_isolated_part_cannot_stop_in_the_middle(write_scenario):
     change = {"change": [{"at": 0.5, "set": {"second.add": 1}}]}
     with pytest.raises(ProblemsError, match="'first' cannot stop in the middle of a run"):
         assemble(scenarios.load(write_scenario(text), change))
+
+
+def test_what_cannot_hold_events_says_so(write_scenario, tmp_path):
+    from harness import fused
+    from harness.ssp.export import export
+
+    change = {"change": [{"at": 0.5, "set": {"first.u": 1.0}}]}
+    path = write_scenario(CHAIN)
+    with pytest.raises(ProblemsError, match="does not hold what happens in a run"):
+        export(path, tmp_path / "out.ssp", change)
+    with pytest.raises(SteadytipError, match="does not hold what happens in the middle"):
+        fused.build(assemble(scenarios.load(path, change)))

@@ -2,7 +2,9 @@
 
 import contextlib
 import os
+import pickle
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,10 +16,12 @@ import pytest
 from distributed import LocalCluster
 
 from harness.errors import SteadytipError
+from harness.sweep import cluster
 from harness.sweep.cluster import Luggage
 from harness.sweep.run import prepare
+from harness.sweep.stand import Base, Stand
 
-from .test_sweep import CHANCE, journal_lines, posix, rows, start, swept, wait_for
+from .test_sweep import BAD, CHANCE, journal_lines, posix, rows, start, swept, wait_for
 
 pytestmark = pytest.mark.slow
 ROOT = Path(__file__).parents[3]
@@ -36,8 +40,8 @@ def quiet_dask(monkeypatch):
 
 def test_a_local_cluster_gives_the_same_table(small, tmp_path, quiet_dask):
     path = small(CHANCE)
-    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as cluster:
-        found = swept(path, tmp_path / "cluster", scheduler=cluster.scheduler_address)
+    with LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=":0") as local:
+        found = swept(path, tmp_path / "cluster", scheduler=local.scheduler_address)
     assert rows(found) == rows(swept(path, tmp_path / "here"))
 
 
@@ -45,15 +49,15 @@ def test_threads_of_one_worker_do_not_share_parts(small, tmp_path, quiet_dask):
     path = small(CHANCE)
     with LocalCluster(
         n_workers=1, threads_per_worker=3, processes=False, dashboard_address=":0"
-    ) as cluster:
-        found = swept(path, tmp_path / "cluster", scheduler=cluster.scheduler_address)
+    ) as local:
+        found = swept(path, tmp_path / "cluster", scheduler=local.scheduler_address)
     assert rows(found) == rows(swept(path, tmp_path / "here"))
 
 
 def test_a_failed_run_is_a_row_here_too(small, tmp_path, quiet_dask):
     path = small('[sweep]\n[sweep.vary]\n"part.sensor.noise" = [1e-6, -1.0, 2e-6]\n')
-    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as cluster:
-        found = swept(path, tmp_path / "cluster", scheduler=cluster.scheduler_address)
+    with LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=":0") as local:
+        found = swept(path, tmp_path / "cluster", scheduler=local.scheduler_address)
     assert [row["status"] for row in rows(found)] == ["ok", "failed", "ok"]
     assert "should be in [0, 0.001] m" in found.failed[0][2]
 
@@ -71,6 +75,31 @@ def test_what_workers_need_goes_as_bytes_and_each_content_once(small, tmp_path):
     assert set(luggage._data.values()) == names
     assert Luggage(base).name == luggage.name
     assert Luggage(prepare(small(CHANCE), {"part.again.noise": 1e-7}).base).name != luggage.name
+
+
+def test_a_worker_runs_from_what_it_was_sent_alone(small, tmp_path):
+    """The very files are gone: what a worker on another machine would find."""
+    prepared = prepare(small(CHANCE), {})
+    here = Stand(prepared.base)
+    wanted = here.perform(prepared.plan.case(1)).metrics
+    here.close()
+    sent = {}
+    for key, path in {**prepared.base.files, "": prepared.base.container}.items():
+        sent[key] = tmp_path / "here" / path.name
+        sent[key].parent.mkdir(exist_ok=True)
+        sent[key].write_bytes(path.read_bytes())
+    container = sent.pop("")
+    luggage = pickle.loads(pickle.dumps(Luggage(Base(prepared.base.scenario, sent, container))))
+    shutil.rmtree(tmp_path / "here")
+    luggage.setup(None)
+    try:
+        stand = Stand(cluster._bases[luggage.name][0])
+        found = stand.perform(prepared.plan.case(1))
+        stand.close()
+        assert found.metrics == wanted
+    finally:
+        luggage.teardown(None)
+    assert luggage.name not in cluster._bases
 
 
 @contextlib.contextmanager
@@ -126,3 +155,13 @@ def test_one_of_two_workers_is_killed_in_mid_run_and_no_run_is_missing(small, tm
     here = swept(path, tmp_path / "here", runs=60, overrides={"seconds": 8.0}, workers=2)
     assert rows(found) == rows(here)
     assert not list(away.rglob("*.fmu"))
+
+
+def test_a_run_that_hangs_is_lost_here_too(write_scenario, tmp_path, quiet_dask):
+    text = BAD.replace("MODE", "3").replace("step_limit = 0.4", "step_limit = 50.0")
+    path = write_scenario(text, head="seconds = 1.5\nstep = 1e-3\n")
+    with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=":0") as local:
+        more = {"scheduler": local.scheduler_address, "timeout": 2.0}
+        found = swept(path, tmp_path / "out", **more)
+    assert [row["status"] for row in rows(found)] == ["ok", "ok", "lost", "lost", "ok", "ok"]
+    assert "'timeout' of 2 s" in found.failed[0][2]

@@ -105,7 +105,10 @@ def test_each_run_is_handed_out_once_whoever_asks(sizes, askers, data):
     numbers = itertools.count()
     from collections import deque
 
-    groups = [Group(deque(itertools.islice(numbers, n)), f"key {n}") for n in sizes]
+    keys = [data.draw(st.sampled_from([None, f"key {k}"])) for k in range(len(sizes))]
+    groups = [
+        Group(deque(itertools.islice(numbers, n)), key) for n, key in zip(sizes, keys, strict=True)
+    ]
     queue = Queue(groups)
     total = sum(sizes)
     taken = []

@@ -178,7 +178,7 @@ def test_what_is_misspelt_is_told_before_anything_runs(small, tmp_path):
 
 
 def test_a_bad_value_in_a_grid_is_named_and_all_other_runs_are_done(small, tmp_path):
-    arguments = ["sweep", str(small(GRID)), "--out", str(tmp_path / "out"), "--workers", "2"]
+    arguments = ["sweep", str(small(GRID)), "--out", str(tmp_path / "out"), "--workers", "0"]
     result = CliRunner().invoke(app, arguments)
     assert result.exit_code == 1
     found = read(tmp_path / "out")
@@ -377,3 +377,15 @@ def test_ctrl_c_between_two_runs_keeps_what_there_is(small, tmp_path, monkeypatc
     with pytest.raises(StoppedError, match="4 of 12 runs are in"):
         swept(path, folder, seeds=[1])
     assert read(folder).table.num_rows == 4
+
+
+@pytest.mark.slow
+def test_figures_of_speed_are_sane():
+    from harness.sweep.speed import figures
+
+    found = {each.quantity: each for each in figures(runs=4, seconds=1.5, repeats=1)}
+    assert len(found) == 5
+    assert all(each.measured > 0.0 for each in found.values())
+    # Not how fast, but that both count the same things.
+    rates = [found[f"sweep, {n}"].measured for n in ("1 worker", "2 workers")]
+    assert 0.3 < rates[1] / rates[0] < 6.0
