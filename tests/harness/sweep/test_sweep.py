@@ -389,3 +389,14 @@ def test_figures_of_speed_are_sane():
     # Not how fast, but that both count the same things.
     rates = [found[f"sweep, {n}"].measured for n in ("1 worker", "2 workers")]
     assert 0.3 < rates[1] / rates[0] < 6.0
+
+
+@pytest.mark.slow
+def test_a_script_that_starts_itself_again_is_told_so(small, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        f"import harness\nharness.sweep({str(small(CHANCE))!r}, out={str(tmp_path)!r})\n"
+    )
+    done = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "below: if __name__ == '__main__':" in done.stderr.splitlines()[-1]
