@@ -15,7 +15,7 @@ test: $(READY)  ## quick tests
 	$(BIN)/python -m pytest -n auto --dist loadgroup
 
 test-all: $(READY)  ## quick and slow tests
-	$(BIN)/python -m pytest -n auto --dist loadgroup -m "not bench"
+	$(BIN)/python -m pytest -n auto --dist loadgroup -m ""
 
 check: $(READY)  ## format, lint, types, import directions, generated tables, tests
 	@$(BIN)/python tests/check.py
@@ -27,8 +27,8 @@ fmus: $(READY)  ## every model as a native and as a Python FMU
 tables: $(READY)  ## the pages generated from the models
 	$(BIN)/python -m fmu_src.pack.tables
 
-bench: $(READY)  ## figures of speed
-	$(BIN)/python -m pytest tests/bench -m bench -s
+bench: $(READY)  ## figures of speed; minutes, see `steadytip bench --help`
+	$(BIN)/steadytip bench
 
 clean:  ## everything built; the environment stays
 	find build -mindepth 1 -not -name README.md -delete

@@ -15,7 +15,7 @@ from rich.console import Console
 from rich.markup import escape
 
 from harness.analyze.cli import analyze
-from harness.bench import app as bench
+from harness.bench.cli import bench
 from harness.hil.cli import board, hil, replay
 from harness.identify.cli import app as identify
 from harness.reproduce.cli import reproduce
@@ -30,9 +30,9 @@ app = typer.Typer(
 )
 app.add_typer(ssp, name="ssp")
 app.add_typer(identify, name="identify")
-app.add_typer(bench, name="bench")
 app.command()(reproduce)
 app.command()(analyze)
+app.command()(bench)
 app.command()(hil)
 app.command()(board)
 app.command()(replay)

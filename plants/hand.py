@@ -143,8 +143,20 @@ class In(Inputs):
     )
 
 
+class Drives(Derived):
+    """What the drive of each filter is scaled with, so that its output has a variance of 1."""
+
+    intent = real(None, "slow intent")
+    correction = real(None, "corrections, by their rate, too")
+    drift = real(None, "drift")
+    jerk = real(None, "jerk, by their rate, too")
+    amplitude = real(None, "amplitudes of the tremor")
+    wander = real(None, "wander of the carrier")
+    roll = real(None, "roll")
+
+
 class Rows(Derived):
-    """Transition of the shaping filters: p_m = e^-pT (pT)^m / m!, m = 0..3."""
+    """Transition of the shaping filters, p_m = e^-pT (pT)^m / m!, m = 0..3, and what else stays."""
 
     intent = real(None, "slow intent", shape=ORDER)
     correction = real(None, "corrections", shape=ORDER)
@@ -155,6 +167,9 @@ class Rows(Derived):
     roll = real(None, "roll", shape=ORDER)
     correction_threshold = real(None, "normal draw above which a correction begins")
     jerk_threshold = real(None, "normal draw above which a jerk begins")
+    drives: Any = Drives
+    nominal = real(None, "R_0 as a quaternion", shape=4)
+    turned = real("1/m", "rotation of the shaft by lateral motion: c / L times R_0^T", shape=(3, 3))
 
 
 _PHASES = np.radians([0.0, 120.0, 240.0])
@@ -229,6 +244,11 @@ def derive(p: Params, T: float) -> Rows:
         x = pole(corner) * T
         return ca.exp(-x) * ca.vertcat(*(x**m / math.factorial(m) for m in range(ORDER)))
 
+    def drive(corner: Any, rate: Any = None) -> Any:
+        power = UNIT_VARIANCE * pole(corner) * T
+        return 1 / ca.sqrt(power if rate is None else power * rate * T)
+
+    nominal = rotations.multiply(_about(2, p.heading), _about(1, math.pi - p.tilt))
     return Rows(
         intent=transition(p.intent_corner),
         correction=transition(p.correction_corner),
@@ -239,37 +259,46 @@ def derive(p: Params, T: float) -> Rows:
         roll=transition(p.roll_corner),
         correction_threshold=-standard_normal(p.correction_rate * T),
         jerk_threshold=-standard_normal(p.jerk_rate * T),
+        drives=Drives(
+            intent=drive(p.intent_corner),
+            correction=drive(p.correction_corner, p.correction_rate),
+            drift=drive(p.drift_corner),
+            jerk=drive(p.jerk_corner, p.jerk_rate),
+            amplitude=drive(p.tremor_bandwidth),
+            wander=drive(p.wander_corner),
+            roll=drive(p.roll_corner),
+        ),
+        nominal=nominal,
+        turned=p.rotation_share / p.pivot_distance * rotations.matrix(nominal).T,
     )
 
 
-def advance(y: Any, corner: Any, transition: Any, drive: Any, T: float) -> Any:
+def _about(axis: int, angle: Any) -> Any:
+    """Quaternion of a rotation about an axis of its own frame, (4,)."""
+    parts = [ca.cos(angle / 2), 0.0, 0.0, 0.0]
+    parts[1 + axis] = ca.sin(angle / 2)
+    return ca.vertcat(*parts)
+
+
+def _turn(axis: int, turn: Any) -> tuple[Any, Any]:
+    """Sine and cosine of the angle of such a rotation."""
+    c, s = turn[0], turn[1 + axis]
+    return 2 * s * c, 1 - 2 * s**2
+
+
+def advance(y: Any, transition: Any, drive: Any) -> Any:
     """Filter states a sample later, exact for a drive held over the sample.
 
     Args:
         y: states, (ORDER, n).
-        corner: of the filter [Hz].
         transition: its row of the derived record.
-        drive: uncorrelated, of variance 1, (n,); scaled here so that the output's variance is 1.
-        T: sample period [s].
+        drive: uncorrelated, of the variance that gives the output one of 1, (n,).
     """
-    held = (drive / ca.sqrt(UNIT_VARIANCE * pole(corner) * T)).T
+    held = drive.T
     rows = [
         held + sum(transition[m] * (y[i - m, :] - held) for m in range(i + 1)) for i in range(ORDER)
     ]
     return ca.vertcat(*rows)
-
-
-def pulses(chance: Any, threshold: Any, amplitude: Any, rate: Any, T: float) -> Any:
-    """Drive of variance 1 that is zero but for rare pulses, (n,).
-
-    Args:
-        chance: a standard normal draw.
-        threshold: the pulses come where it is above.
-        amplitude: standard normal draws, (n,).
-        rate: of the pulses [Hz].
-        T: sample period [s].
-    """
-    return (chance > threshold) * amplitude / ca.sqrt(rate * T)
 
 
 def motion(y: Any, corner: Any) -> Motion:
@@ -304,11 +333,14 @@ def tremor(p: Params, x: X) -> Motion:
     return Motion(i.value * s + q.value * c, rate, acceleration).scaled(p.tremor_rms)
 
 
-def body_motion(p: Params, tip: Motion, roll: Motion) -> tuple[Any, Any, Any, Any, Any]:
+def body_motion(
+    p: Params, derived: Rows, tip: Motion, roll: Motion
+) -> tuple[Any, Any, Any, Any, Any]:
     """Rigid body whose tip moves as given.
 
     Args:
         p: parameters.
+        derived: what follows from them.
         tip: motion of the tip, (3,) [m], W.
         roll: about the shaft, scalar [rad].
 
@@ -316,28 +348,26 @@ def body_motion(p: Params, tip: Motion, roll: Motion) -> tuple[Any, Any, Any, An
         Origin of B [m] and its acceleration [m/s2] in W, attitude q_WB, body rate [rad/s] and
         angular acceleration [rad/s2] in B.
     """
-    turn = rotations.from_rotation_vector
-    nominal = rotations.multiply(
-        turn(ca.vertcat(0, 0, p.heading)), turn(ca.vertcat(0, math.pi - p.tilt, 0))
-    )
-    to_body = rotations.matrix(nominal).T
-    gain = p.rotation_share / p.pivot_distance
     across, across_rate, across_acceleration = (
-        gain * (to_body @ part) for part in (tip.value, tip.rate, tip.acceleration)
+        derived.turned @ part for part in (tip.value, tip.rate, tip.acceleration)
     )
     a, da, dda = -across[1], -across_rate[1], -across_acceleration[1]
     b, db, ddb = across[0], across_rate[0], across_acceleration[0]
+    lateral, rolled = _about(1, b), _about(2, roll.value)
     attitude = rotations.multiply(
-        rotations.multiply(nominal, turn(ca.vertcat(a, 0, 0))),
-        rotations.multiply(turn(ca.vertcat(0, b, 0)), turn(ca.vertcat(0, 0, roll.value))),
+        rotations.multiply(derived.nominal, _about(0, a)), rotations.multiply(lateral, rolled)
     )
 
     # Rate and acceleration before the roll, then through it.
-    before = ca.vertcat(da * ca.cos(b), db, da * ca.sin(b))
+    sin_b, cos_b = _turn(1, lateral)
+    before = ca.vertcat(da * cos_b, db, da * sin_b)
     before_derivative = ca.vertcat(
-        dda * ca.cos(b) - da * db * ca.sin(b), ddb, dda * ca.sin(b) + da * db * ca.cos(b)
+        dda * cos_b - da * db * sin_b, ddb, dda * sin_b + da * db * cos_b
     )
-    unroll = rotations.matrix(turn(ca.vertcat(0, 0, roll.value))).T
+    sin_roll, cos_roll = _turn(2, rolled)
+    unroll = ca.vertcat(
+        ca.horzcat(cos_roll, sin_roll, 0), ca.horzcat(-sin_roll, cos_roll, 0), ca.SX([[0, 0, 1]])
+    )
     rolling = ca.vertcat(0, 0, roll.rate)
     rate = unroll @ before + rolling
     angular_acceleration = (
@@ -368,26 +398,29 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
         ca.if_else(u.recorded, u.recorded_acceleration, generated.acceleration),
     )
     roll = motion(x.roll, p.roll_corner).scaled(p.roll_rms)
-    body, body_acceleration, attitude, rate, angular_acceleration = body_motion(p, tip, roll)
+    body, body_acceleration, attitude, rate, angular_acceleration = body_motion(
+        p, derived, tip, roll
+    )
 
     axes = ca.reshape(normal[: 3 * AXIS_DRAWS], 3, AXIS_DRAWS)
     to_intent, to_drift, to_in_phase, to_quadrature, size, jolt = ca.horzsplit(axes)
     to_wander, to_roll, chance, jerk_chance = ca.vertsplit(normal[3 * AXIS_DRAWS :])
-    to_correction = pulses(chance, derived.correction_threshold, size, p.correction_rate, T)
-    to_jerk = pulses(jerk_chance, derived.jerk_threshold, jolt, p.jerk_rate, T)
-    wander = advance(x.wander, p.wander_corner, derived.wander, to_wander, T)
+    drives = derived.drives
+    to_correction = (chance > derived.correction_threshold) * size
+    to_jerk = (jerk_chance > derived.jerk_threshold) * jolt
+    wander = advance(x.wander, derived.wander, drives.wander * to_wander)
     (w, dw), (w_next, dw_next) = carrier(p, x.wander), carrier(p, wander)
     # Hermite's rule: the integral of a cubic through both ends is good to a part in 1e15 here.
     phase = x.phase + T * (w + w_next) / 2 + T**2 * (dw - dw_next) / 12
     following = X(
-        intent=advance(x.intent, p.intent_corner, derived.intent, to_intent, T),
-        correction=advance(x.correction, p.correction_corner, derived.correction, to_correction, T),
-        drift=advance(x.drift, p.drift_corner, derived.drift, to_drift, T),
-        jerk=advance(x.jerk, p.jerk_corner, derived.jerk, to_jerk, T),
-        in_phase=advance(x.in_phase, p.tremor_bandwidth, derived.amplitude, to_in_phase, T),
-        quadrature=advance(x.quadrature, p.tremor_bandwidth, derived.amplitude, to_quadrature, T),
+        intent=advance(x.intent, derived.intent, drives.intent * to_intent),
+        correction=advance(x.correction, derived.correction, drives.correction * to_correction),
+        drift=advance(x.drift, derived.drift, drives.drift * to_drift),
+        jerk=advance(x.jerk, derived.jerk, drives.jerk * to_jerk),
+        in_phase=advance(x.in_phase, derived.amplitude, drives.amplitude * to_in_phase),
+        quadrature=advance(x.quadrature, derived.amplitude, drives.amplitude * to_quadrature),
         wander=wander,
-        roll=advance(x.roll, p.roll_corner, derived.roll, to_roll, T),
+        roll=advance(x.roll, derived.roll, drives.roll * to_roll),
         phase=phase - 2 * math.pi * ca.floor(phase / (2 * math.pi)),
     )
     return following, Out(

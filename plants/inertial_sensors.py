@@ -361,6 +361,13 @@ class Rows(Derived):
     turn_3 = real(None, "from B to the axes of accelerometer 3", shape=(3, 3))
     cooled = real(None, "share of a temperature's way that is left after a sample", shape=4)
     board_cooled = real(None, "the same of the board")
+    cold = real(None, "share of the way to warm that is left at the first sample", shape=4)
+    board_cold = real(None, "the same of the board")
+    jitter = real("V", "rms noise that a sample adds behind the filter", shape=9)
+    bow = real("m/s2", "n, scaled so that the bow is 1 at 1 g", shape=(6, 2))
+    loop = real(None, "l by the width of the loop", shape=6)
+    codes = real("1/V", "codes of the converter by its span")
+    step = real("V", "step of the converter")
     warm = real("degC", "theta_0, temperature of each sensor when warmed up", shape=4)
     warm_stress = real("degC", "sigma_0, the same of its stress", shape=4)
 
@@ -441,18 +448,26 @@ def derive(p: Params, T: float) -> Rows:
     warm = ROOM + p.heating
     lag = _of_each(p.accelerometer_lag, p.magnetometer_lag)
     decay = ca.exp(-T / lag)
+    noise = SCALES * _of_each(p.accelerometer_noise, p.magnetometer_noise) / ca.sqrt(4 * lag)
     return Rows(
         accelerometer_rows=ca.vertcat(*accelerometer_rows),
         magnetometer_rows=ca.vertcat(*magnetometer_rows),
         decay=decay,
         hold=lag / T * (1 - decay),
-        noise=SCALES * _of_each(p.accelerometer_noise, p.magnetometer_noise) / ca.sqrt(4 * lag),
+        noise=noise,
         walk=SCALES * _of_each(p.accelerometer_walk, p.magnetometer_walk) * np.sqrt(T),
         turn_1=turns[0],
         turn_2=turns[1],
         turn_3=turns[2],
         cooled=ca.exp(-T / p.warming),
         board_cooled=ca.exp(-T / p.thermometer_lag),
+        cold=ca.exp(-p.powered / p.warming),
+        board_cold=ca.exp(-p.powered / p.thermometer_lag),
+        jitter=noise * ca.sqrt(1 - decay * decay),
+        bow=p.accelerometer_bow / (np.sqrt(1 + 1 / KNEE**2) - 1),
+        loop=p.accelerometer_hysteresis / (STUCK * design.STANDARD_GRAVITY),
+        codes=2.0**p.adc_bits / design.ADC_SPAN,
+        step=design.ADC_SPAN / 2.0**p.adc_bits,
         warm=warm,
         warm_stress=_stress(ROOM, warm, p.stress_width),
     )
@@ -468,15 +483,16 @@ def _stress(before: Any, temperature: Any, width: Any) -> Any:
 
 
 def bow(y: Any) -> Any:
-    """B(y), of forces by the standard gravity."""
-    return (ca.sqrt(1 + (y / KNEE) ** 2) - 1) / (np.sqrt(1 + 1 / KNEE**2) - 1)
+    """B(y) before it is scaled to 1 at 1 g, of a force by the standard gravity."""
+    return ca.sqrt(1 + (y * (1 / KNEE)) ** 2) - 1
 
 
-def accelerometers(p: Params, linear: Any, own: Any, stuck: Any) -> tuple[Any, Any]:
+def accelerometers(p: Params, derived: Rows, linear: Any, own: Any, stuck: Any) -> tuple[Any, Any]:
     """F of the six channels [m/s2], and where they stick afterwards [m/s2].
 
     Args:
         p: parameters.
+        derived: what follows from them.
         linear: S u of each channel, (6,) [m/s2].
         own: specific force at each site in the axes of its sensor, three columns (3,) [m/s2].
         stuck: r before, (6,) [m/s2].
@@ -488,12 +504,14 @@ def accelerometers(p: Params, linear: Any, own: Any, stuck: Any) -> tuple[Any, A
         (other,) = (
             "xyz".index(c[2]) for c in ACCELEROMETERS if c[1] == channel[1] and c != channel
         )
-        x, y, z = (force[j] / design.STANDARD_GRAVITY for j in (axis, other, 3 - axis - other))
+        x, y, z = (
+            force[j] * (1 / design.STANDARD_GRAVITY) for j in (axis, other, 3 - axis - other)
+        )
         droop = 1 + p.accelerometer_droop[i] * ((z + LIFT) ** 2 - LIFT**2)
         gain = (1 + p.accelerometer_hardening[i] * x**2) / droop
-        across = p.accelerometer_bow[i, 0] * bow(y) + p.accelerometer_bow[i, 1] * bow(z)
+        across = derived.bow[i, 0] * bow(y) + derived.bow[i, 1] * bow(z)
         place = _clip(stuck[i], force[axis] - width, force[axis] + width)
-        loop = p.accelerometer_hysteresis[i] * (force[axis] - place) / width
+        loop = derived.loop[i] * (force[axis] - place)
         felt.append(linear[i] * gain + across - loop)
         sticks.append(place)
     return ca.vertcat(*felt), ca.vertcat(*sticks)
@@ -510,7 +528,7 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
     )
     own = [derived.turn_1 @ u.force1, derived.turn_2 @ u.force2, derived.turn_3 @ u.force3]
     rest = ca.vertcat(*(own[int(c[1]) - 1]["xyz".index(c[2])] for c in ACCELEROMETERS))
-    felt, stuck = accelerometers(p, linear, own, ca.if_else(x.started, x.stuck, rest))
+    felt, stuck = accelerometers(p, derived, linear, own, ca.if_else(x.started, x.stuck, rest))
 
     field = derived.magnetometer_rows @ (u.field + p.soft_iron @ u.field)
     across = _clip(field[[1, 2, 0]], -p.magnetometer_range, p.magnetometer_range)
@@ -518,12 +536,12 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
 
     # Temperatures, of each sensor and then of each channel
     steady = u.ambient + p.heating
-    risen = u.ambient + p.heating * (1 - ca.exp(-p.powered / p.warming))
+    risen = u.ambient + p.heating * (1 - derived.cold)
     temperature = ca.if_else(x.started, steady + (x.temperature - steady) * derived.cooled, risen)
     # A unit that was off has the stress of the room.
     stress = _stress(ca.if_else(x.started, x.stress, u.ambient), temperature, p.stress_width)
     board_steady = u.ambient + ca.sum1(p.heating) / 4
-    board_risen = ca.sum1(p.heating) / 4 * (1 - ca.exp(-p.powered / p.thermometer_lag))
+    board_risen = ca.sum1(p.heating) / 4 * (1 - derived.board_cold)
     board = ca.if_else(
         x.started,
         board_steady + (x.board - board_steady) * derived.board_cooled,
@@ -542,19 +560,13 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
 
     a, h = derived.decay, derived.hold
     settled = source + derived.noise * normal[:9]
-    moved = (
-        a * x.filtered
-        + (1 - h) * source
-        + (h - a) * x.source
-        + derived.noise * ca.sqrt(1 - a * a) * normal[:9]
-    )
+    moved = a * x.filtered + (1 - h) * source + (h - a) * x.source + derived.jitter * normal[:9]
     filtered = ca.if_else(x.started, moved, settled)
 
-    codes = 2.0**p.adc_bits
-    code = ca.floor((design.ZERO_VOLTS + filtered) / design.ADC_SPAN * codes + 0.5)
-    converted = ca.fmin(ca.fmax(code, 0), codes - 1)
+    code = ca.floor((design.ZERO_VOLTS + filtered) * derived.codes + 0.5)
+    converted = ca.fmin(ca.fmax(code, 0), derived.codes * design.ADC_SPAN - 1)
     clipped = ca.logic_or(ca.mmax(ca.fabs(sensed) > limit), ca.mmax(converted != code))
-    shown = ca.floor((board + p.thermometer_offset) / RESOLUTION + 0.5) * RESOLUTION
+    shown = ca.floor((board + p.thermometer_offset) * (1 / RESOLUTION) + 0.5) * RESOLUTION
     return (
         X(
             started=1,
@@ -567,7 +579,7 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
             board=board,
         ),
         Out(
-            volts=converted * (design.ADC_SPAN / codes),
+            volts=converted * derived.step,
             clipped=clipped,
             temperature=shown,
             valid=1,

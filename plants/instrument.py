@@ -43,7 +43,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, design, real, rotations
+from fmu_src.kit import (
+    Derived,
+    Inputs,
+    Model,
+    Outputs,
+    Parameters,
+    State,
+    design,
+    real,
+    rotations,
+)
 
 OUTWARDS = [np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians([0.0, 120.0, 240.0])]
 """Directions e_i of the legs in the manipulator's base frame."""
@@ -117,6 +127,13 @@ class In(Inputs):
     stroke = real("m", "strokes of the stacks, 0 at 0 V", shape=3, min=-20e-6, max=60e-6)
 
 
+class Rows(Derived):
+    """What does not move."""
+
+    rest = real("m", "P(0), tip of the shaft at zero stroke, base frame of the legs", shape=3)
+    field = real("T", "F (cos I, 0, -sin I), the earth's field in W", shape=3)
+
+
 class X(State):
     """Nothing: rigid and quasi-static."""
 
@@ -148,9 +165,12 @@ def specific_force(p: Params, u: In, R: Any, site: Any) -> Any:
     return R.T @ (u.body_acceleration + ca.vertcat(0, 0, p.gravity)) + lever
 
 
-def field_in_world(p: Params) -> Any:
-    """The earth's field, (3,) [T], W."""
-    return p.field_strength * ca.vertcat(ca.cos(p.inclination), 0, -ca.sin(p.inclination))
+def derive(p: Params, T: float) -> Rows:
+    """What follows from the parameters."""
+    return Rows(
+        rest=shaft_tip(p, ca.SX.zeros(3)),
+        field=p.field_strength * ca.vertcat(ca.cos(p.inclination), 0, -ca.sin(p.inclination)),
+    )
 
 
 def shaft_tip(p: Params, stroke: Any) -> Any:
@@ -188,21 +208,31 @@ def _ball_joints(p: Params, legs: Any, tilts: Any) -> list[Any]:
     ]
 
 
-def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
+def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:
     """One sample."""
     R = rotations.matrix(u.attitude) / ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM)
     forces = [specific_force(p, u, R, p.sites[i, :].T) for i in range(3)]
-    deflection = shaft_tip(p, u.stroke) - shaft_tip(p, ca.SX.zeros(3))
+    deflection = shaft_tip(p, u.stroke) - derived.rest
     free_tip = u.body + R @ p.tip
     return X(), Out(
         force1=forces[0],
         force2=forces[1],
         force3=forces[2],
-        field=R.T @ field_in_world(p),
+        field=R.T @ derived.field,
         free_tip=free_tip,
         tip=free_tip + R @ deflection,
         deflection=deflection,
     )
 
 
-MODEL = Model("Instrument", step, Params, In, X, Out, sample_period=1e-3)
+MODEL = Model(
+    "Instrument",
+    step,
+    Params,
+    In,
+    X,
+    Out,
+    sample_period=1e-3,
+    derived=Rows,
+    derive=derive,
+)

@@ -498,17 +498,26 @@ def put_out(command: Any, tremor: Any, tone: Any) -> Out:
     )
 
 
-def chosen_tremor(p: Params, u: In, tone: Any, forecasted: Any) -> Any:
-    """y_W, (3,) [m], from both filters' outputs, that of the first packed."""
+@cache
+def choosing() -> ca.Function:
+    """(filter, u, tone's tremor, forecast) -> y_W, (3,) [m]: the tremor of the filter chosen."""
+    choice, inputs = ca.SX.sym("choice"), ca.SX.sym("u", In.size())
+    tone, forecasted = ca.SX.sym("tone", 3), ca.SX.sym("forecast", 3)
+    u = In.unpack(inputs)
     choices = {
-        TONES: wflc_flc.Out.unpack(tone).tremor,
+        TONES: tone,
         INERTIAL: rotations.matrix(u.attitude) @ forecasted,
         EXTERNAL: u.external_tremor,
     }
     tremor = forecasted
-    for choice, found in choices.items():
-        tremor = ca.if_else(p.tremor_filter == choice, found, tremor)
-    return tremor
+    for number, found in choices.items():
+        tremor = ca.if_else(choice == number, found, tremor)
+    return ca.Function("choose_tremor", [choice, inputs, tone, forecasted], [tremor])
+
+
+def chosen_tremor(p: Params, u: In, tone: Any, forecasted: Any) -> Any:
+    """y_W, (3,) [m], from both filters' outputs, that of the first packed."""
+    return choosing()(p.tremor_filter, u.pack(), wflc_flc.Out.unpack(tone).tremor, forecasted)
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
@@ -551,9 +560,8 @@ def answer(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
 
 
 def operators_of(derived: Precomputed) -> Any:
-    """What follows from the parameters less the forecaster's band-pass, packed."""
-    values = {name: getattr(derived, name) for name in Operators.fields}
-    return Operators(**values).pack()
+    """What follows from the parameters less the forecaster's band-pass, packed; it comes first."""
+    return derived.pack()[: Operators.size()]
 
 
 MODEL = Model(

@@ -87,8 +87,7 @@ def north_innovation(field_W: Any) -> tuple[ca.SX, ca.SX]:
 
 def predict_covariance(P: Any, w: Any, W: Any, T: float) -> ca.SX:
     """P one sample later, (6, 6) (A04 4.37)."""
-    F = transition(w, T)
-    return F @ P @ F.T + W
+    return _mirrored(_half(transition(w, T), P) + ca.tril(W))
 
 
 class Correction(NamedTuple):
@@ -138,8 +137,21 @@ def correct(
     if onto is not None:
         K = onto @ K
     A = ca.SX.eye(6) - K @ H
-    P = A @ P @ A.T + K @ V @ K.T
-    return Correction(K @ residual, (P + P.T) / 2, squared, taken)
+    return Correction(K @ residual, _mirrored(_half(A, P) + _half(K, V)), squared, taken)
+
+
+def _half(A: Any, P: Any) -> ca.SX:
+    """A P A^T on and below the diagonal, P symmetric."""
+    left = A @ P
+    rows = range(A.shape[0])
+    return ca.vertcat(
+        *(ca.horzcat(left[i, :] @ A[: i + 1, :].T, ca.SX(1, len(rows) - 1 - i)) for i in rows)
+    )
+
+
+def _mirrored(half: Any) -> ca.SX:
+    """The symmetric matrix whose lower half is given."""
+    return ca.densify(ca.tril(half) + ca.tril(half, False).T)
 
 
 def moved(q: Any, change: Any) -> ca.SX:

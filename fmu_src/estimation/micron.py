@@ -63,6 +63,7 @@ from fmu_src.kit import (
     rotations,
 )
 from fmu_src.kit import sensing_kinematics as kinematics
+from fmu_src.kit.seldom import either
 
 FADING = 0.02
 """Time constant by which alpha and the tip's acceleration fade without samples [s]."""
@@ -321,10 +322,20 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
         (samples * x.zero + A_D) / (samples + 1),
         ca.if_else(ca.logic_and(anew, p.settling > 0), A_D, x.zero),
     )
-    sensed = ca.if_else(
+    (sensed,) = either(
+        "angular_acceleration",
         p.method == 0,
-        derived.rate_gain @ (A_D - zero),
-        kinematics.angular_acceleration(A_D - zero, x.w_i - x.b, geometry, _densities(p), T),
+        lambda gain, left, *_: [gain @ left],
+        lambda _, left, w, layout, S: [
+            kinematics.angular_acceleration(
+                left, w, kinematics.Geometry.of(kinematics.Layout.unpack(layout)), (S[0], S[1]), T
+            )
+        ],
+        derived.rate_gain,
+        A_D - zero,
+        x.w_i - x.b,
+        p.geometry.pack(),
+        ca.vertcat(*_densities(p)),
     )
     fade = np.exp(-T / FADING)
     alpha = ca.if_else(usable, sensed, fade * x.alpha)
@@ -430,21 +441,41 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     caught = ca.logic_and(plausibility.caught(heard_field, dead_field, believed, x.field), going)
     up = heading[:3, :3]
     change = tilt.change + north.change
-    rest = attitude_filter.correct(
-        north.P + caught * ca.diagcat(gates.field**2 / level_of_north * up, p.hand_rate**2 * up),
-        rate_measured - b_before - change[3:],
-        ca.horzcat(ca.SX.zeros(3, 3), ca.SX.eye(3)),
-        about_level * (ca.SX.eye(3) - up) + about_up * up,
+    widened = north.P + caught * ca.diagcat(
+        gates.field**2 / level_of_north * up, p.hand_rate**2 * up
+    )
+    # Which the rate is told of: all, about the vertical, or about the level axes alone.
+    of_all = ca.logic_or(at_rest, ca.logic_not(ca.logic_or(tilt.taken, north.taken)))
+    of_up = ca.logic_and(ca.logic_not(of_all), tilt.taken)
+
+    def told(P: Any, residual: Any, up_B: Any, variances: Any, flags: Any) -> list[Any]:
+        up = up_B @ up_B.T
+        heading = ca.diagcat(up, up)
+        corrected = attitude_filter.correct(
+            P,
+            residual,
+            ca.horzcat(ca.SX.zeros(3, 3), ca.SX.eye(3)),
+            variances[0] * (ca.SX.eye(3) - up) + variances[1] * up,
+            onto=ca.if_else(
+                flags[0], everything, ca.if_else(flags[1], heading, everything - heading)
+            ),
+        )
+        return [corrected.P, corrected.change]
+
+    P_rest, change_rest = either(
+        "rate_known",
         ca.logic_and(
             going, ca.logic_or(at_rest, ca.logic_not(ca.logic_and(tilt.taken, north.taken)))
         ),
-        onto=ca.if_else(
-            ca.logic_or(at_rest, ca.logic_not(ca.logic_or(tilt.taken, north.taken))),
-            everything,
-            ca.if_else(tilt.taken, heading, everything - heading),
-        ),
+        told,
+        lambda P, *_: [P, ca.SX.zeros(6)],
+        widened,
+        rate_measured - b_before - change[3:],
+        up_B,
+        ca.vertcat(about_level, about_up),
+        ca.vertcat(of_all, of_up),
     )
-    change = change + rest.change
+    change = change + change_rest
     follow = ca.if_else(at_rest, T / ZERO_MEMORY, T / p.zero_memory)
     followed = ca.logic_and(ca.logic_and(going, usable), ca.logic_not(young))
     zero = zero + followed * follow * (A_D - zero)
@@ -455,7 +486,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
     P_start = ca.diagcat(
         triad.covariance(z_B, n_B, sigma_G, sigma_N), p.bias_start**2 * ca.SX.eye(3)
     )
-    P = ca.if_else(going, rest.P, ca.if_else(complete, P_start, x.P))
+    P = ca.if_else(going, P_rest, ca.if_else(complete, P_start, x.P))
     rate = rate_measured - b
 
     # Tip motion: gravity removed before any integration (A04 2.26 with its sign)

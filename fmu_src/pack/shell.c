@@ -214,7 +214,10 @@ static void say_bounds(Instance *c, const Variable *v) {
 }
 
 static int within(const Variable *v, Real value) {
-    return isfinite(value) && value >= (Real)v->min && value <= (Real)v->max;
+#if defined(STEADYTIP_FLOAT)
+    if (!isfinite(value)) return 0; /* DBL_MAX is infinite as a float */
+#endif
+    return value >= (Real)v->min && value <= (Real)v->max; /* limits are finite, at most DBL_MAX */
 }
 
 static int legal(Instance *c, const char *where, uint32_t modes) {

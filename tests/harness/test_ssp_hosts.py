@@ -9,7 +9,6 @@ the figures of the harness.
 Run as a program, this file is the tool's side: `TOOL FILE SECONDS OUTPUT`.
 """
 
-import importlib.util
 import subprocess
 import sys
 from collections.abc import Callable
@@ -62,17 +61,18 @@ def ecos(path: str, seconds: float) -> list[list[float]]:
     return rows
 
 
-TOOLS: dict[str, tuple[Callable[[str, float], list[list[float]]], str, str]] = {
-    "libcosim": (libcosim, "libcosimpy", "pip install libcosimpy"),
-    "ecos": (ecos, "ecospy", "pip install ecospy, and libtbb12 of the system"),
+TOOLS: dict[str, Callable[[str, float], list[list[float]]]] = {
+    "libcosim": libcosim,
+    "Ecos": ecos,
 }
 
 if __name__ == "__main__":
     tool, file, length, output = sys.argv[1:]
-    np.save(output, np.array(TOOLS[tool][0](file, float(length))))
+    np.save(output, np.array(TOOLS[tool](file, float(length))))
     sys.exit()
 
 import harness  # noqa: E402 - the tool's side has nothing of the project in its process
+from harness.bench.contenders import absent_host  # noqa: E402
 from harness.metrics import Motion, metrics_of  # noqa: E402
 from harness.parts.description import describe  # noqa: E402
 from harness.ssp.export import export  # noqa: E402
@@ -126,14 +126,8 @@ def run_in(own, files, tmp_path_factory):
 
 def available(tool: str) -> str:
     """The tool's name; skips where it is not installed."""
-    _, module, cure = TOOLS[tool]
-    found = importlib.util.find_spec(module) is not None
-    if found:
-        # Loading its libraries may fail, in whatever way.
-        loads = [sys.executable, "-c", f"import {module}"]
-        found = subprocess.run(loads, capture_output=True).returncode == 0
-    if not found:
-        pytest.skip(f"{tool} is not installed: {cure}")
+    if reason := absent_host(tool):
+        pytest.skip(reason)
     return tool
 
 

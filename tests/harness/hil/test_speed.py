@@ -5,7 +5,6 @@ import json
 import pytest
 from typer.testing import CliRunner
 
-import harness.bench
 from harness.can.database import load
 from harness.cli import app
 from harness.errors import SteadytipError
@@ -48,10 +47,7 @@ def test_figures_of_a_run_are_its_metrics_with_the_conditions(made_up, tmp_path)
     assert asked["seconds"] == 3.0
 
 
-def test_each_link_is_run_with_priority_and_without_and_none_keeps_the_others(
-    made_up, monkeypatch, tmp_path
-):
-    monkeypatch.setattr(harness.bench, "_PACING", 0.05)
+def test_each_link_is_run_with_priority_and_without_and_none_keeps_the_others(made_up, tmp_path):
     path = tmp_path / "new" / "bench.json"
     done = CliRunner().invoke(
         app, ["bench", "hil", "--seconds", "1", "--json", str(path)], env={"COLUMNS": "200"}

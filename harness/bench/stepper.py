@@ -1,0 +1,149 @@
+"""An FMU stepped from C, sample by sample with recorded inputs: what it costs a host in C.
+
+The FMU is loaded and initialised by the harness; then `stepper.c`, compiled by zig, calls it
+through its function pointers. Beside the FMU's own code that is a clock's reading for each sample.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+from collections.abc import Sequence
+from functools import cache
+from importlib.metadata import version
+from pathlib import Path
+from types import TracebackType
+from typing import Any
+
+import numpy as np
+
+from fmu_src.pack import csource, native
+from harness.bench.samples import Case
+from harness.errors import SteadytipError
+from harness.parts import Access, FloatArray
+from harness.parts.fmi import WARNING, Instance, Stepper
+
+__all__ = ["Stepped"]
+
+_SOURCE = Path(__file__).with_name("stepper.c")
+_CACHE = Path("build", "c")
+
+
+class _Access(ctypes.Structure):
+    _fields_ = (
+        ("call", ctypes.c_void_p),
+        ("references", ctypes.c_void_p),
+        ("count", ctypes.c_size_t),
+        ("values", ctypes.c_void_p),
+        ("integers", ctypes.c_void_p),
+    )
+
+
+class _Fmu(ctypes.Structure):
+    _fields_ = (
+        ("component", ctypes.c_void_p),
+        ("do_step", ctypes.c_void_p),
+        ("step", ctypes.c_double),
+        ("setters", ctypes.c_size_t),
+        ("getters", ctypes.c_size_t),
+        ("set", ctypes.c_void_p),
+        ("get", ctypes.c_void_p),
+        ("inputs", ctypes.c_void_p),
+        ("width", ctypes.c_size_t),
+    )
+
+
+@cache
+def _samples() -> Any:
+    """The function of `stepper.c`."""
+    texts = {csource.ENTRY: _SOURCE.read_text(encoding="utf-8")}
+    (part, *_) = native.TARGETS[native.host()]
+    named = "\n".join([*texts.values(), part.triple, version("ziglang")])
+    digest = hashlib.sha256(named.encode()).hexdigest()[:32]
+    path = (_CACHE / "runs" / f"{digest}{part.suffix}").resolve()
+    native.kept(path, lambda: native.compile_library("stepper", texts, part, _CACHE))
+    function = ctypes.CDLL(str(path)).samples
+    function.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
+    return function
+
+
+class Stepped:
+    """An FMU at its first sample, until it is closed.
+
+    Attributes:
+        u: (inputs,) where the inputs of `advance` go.
+        advance: one sample from Python, as the harness makes it.
+    """
+
+    def __init__(self, case: Case, folder: Path) -> None:
+        """Load and initialise.
+
+        Args:
+            case: the FMU and what it gets.
+            folder: to unpack in.
+
+        Raises:
+            FaultError: it does not load or start.
+        """
+        self.case = case
+        self._instance = Instance(case.description, "measured", folder)
+        self.u = case.table[0].copy() if len(case.driven) else np.empty(0)
+        self._y = np.zeros(len(case.description.outputs))
+        end = len(case.table) * case.period
+        self._instance.begin(end, case.starts, case.driven, self.u)
+        self.advance: Stepper = self._instance.stepper(case.driven, self.u, self._y)
+        calls = self._instance.calls
+        assert calls is not None
+        self._set, self._get = _accesses(calls.set), _accesses(calls.get)
+        self._fmu = _Fmu(
+            component=calls.component,
+            do_step=calls.do_step,
+            step=case.period,
+            setters=len(self._set),
+            getters=len(self._get),
+            set=ctypes.addressof(self._set),
+            get=ctypes.addressof(self._get),
+            inputs=case.table.ctypes.data,
+            width=len(case.driven),
+        )
+
+    def samples(self, first: int, last: int, spent: FloatArray | None = None) -> None:
+        """Samples in C, of `first` before `last`.
+
+        Args:
+            first: number of the first.
+            last: number of the one after the last.
+            spent: (last - first,) gets the time of each [s].
+
+        Raises:
+            SteadytipError: the FMU does not take them.
+        """
+        room = None if spent is None else spent.ctypes.data
+        status = _samples()(ctypes.byref(self._fmu), first, last, room)
+        if status > WARNING:
+            raise SteadytipError(f"{self.case.name}: a sample ended with FMI's status {status}")
+
+    def outputs(self) -> FloatArray:
+        """(outputs,) Real ones first, of the last sample; others only from Python."""
+        return self._y.copy()
+
+    def close(self) -> None:
+        """Free it."""
+        self._instance.close()
+
+    def __enter__(self) -> Stepped:
+        return self
+
+    def __exit__(
+        self,
+        kind: type[BaseException] | None,
+        error: BaseException | None,
+        trace: TracebackType | None,
+    ) -> None:
+        self.close()
+
+
+def _accesses(accesses: Sequence[Access]) -> Any:
+    return (_Access * len(accesses))(
+        *(_Access(a.function, a.references, a.count, a.values, a.integers) for a in accesses)
+    )
