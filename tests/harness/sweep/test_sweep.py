@@ -380,15 +380,13 @@ def test_ctrl_c_between_two_runs_keeps_what_there_is(small, tmp_path, monkeypatc
 
 
 @pytest.mark.slow
-def test_figures_of_speed_are_sane():
-    from harness.sweep.speed import figures
+def test_throughput_is_of_the_runs_alone():
+    from harness.sweep.speed import throughput
 
-    found = {each.quantity: each for each in figures(runs=4, seconds=1.5, repeats=1)}
-    assert len(found) == 5
-    assert all(each.measured > 0.0 for each in found.values())
-    # Not how fast, but that both count the same things.
-    rates = [found[f"sweep, {n}"].measured for n in ("1 worker", "2 workers")]
-    assert 0.3 < rates[1] / rates[0] < 6.0
+    (one, cost), (two, _) = (throughput(n, 6, 1.5) for n in (1, 2))
+    # Not how fast: processor time of a run fits into the time it takes, and both count the same.
+    assert 0.0 < cost < 2.0 / one
+    assert 0.3 < two / one < 6.0
 
 
 @pytest.mark.slow
