@@ -398,3 +398,21 @@ def test_a_script_that_starts_itself_again_is_told_so(small, tmp_path):
     done = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1
     assert "below: if __name__ == '__main__':" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_recordings_of_a_folder_vary_too(tmp_path, recording, monkeypatch):
+    folder = tmp_path / "hands"
+    folder.mkdir()
+    for k in (1, 2):
+        lines = recording.read_text().splitlines()
+        (folder / f"hand_{k}.csv").write_text("\n".join(lines[: 500 - 50 * k]) + "\n")
+    path = tmp_path / "moved.toml"
+    path.write_text(
+        'extends = "closed_loop"\nsettle = 0.2\n[sweep]\nseeds = [1, 2]\nmotions = ["hands"]\n'
+    )
+    found = swept(path, tmp_path / "out", workers=2)
+    assert found.axes == ["motion"]
+    assert [row["motion"] for row in rows(found)] == ["hand_1.csv"] * 2 + ["hand_2.csv"] * 2
+    for run in (0, 3):
+        assert figures(found, run) == alone(found, run, path, tmp_path)
