@@ -189,7 +189,7 @@ def _context() -> BaseContext:
 
 
 class OwnCrew:
-    """This process itself, one case after the other: for a debugger, and where it is quicker."""
+    """This process itself, one case after the other and without a time-out: for a debugger."""
 
     def __init__(self, base: Base) -> None:
         """Nothing is made yet.
