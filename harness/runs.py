@@ -223,6 +223,10 @@ def facts_of(system: System) -> dict[str, Any]:
             if link.delay
         },
         "undriven": list(system.wiring.undriven),
+        "events": [
+            {"time": event.tick * scenario.step, "part": event.part, "values": dict(event.values)}
+            for event in system.events
+        ],
         "notes": list(system.notes),
         "parts": {name: part.facts() for name, part in system.parts.items()},
         "versions": {

@@ -1,4 +1,4 @@
-"""What is looked at in a process of its own, with nothing else in it: memory, builds, speed."""
+"""What is looked at in a process of its own: memory, builds, speed."""
 
 from __future__ import annotations
 

@@ -172,7 +172,12 @@ class Instance:
         self.warnings = tuple(dict.fromkeys(texts))
 
     def stepper(
-        self, driven: Sequence[str], u: FloatArray, y: FloatArray, returns: bool = False
+        self,
+        driven: Sequence[str],
+        u: FloatArray,
+        y: FloatArray,
+        returns: bool = False,
+        outputs: Sequence[str] | None = None,
     ) -> Stepper:
         """Make the function of one tick, and read the outputs once into `y`.
 
@@ -181,17 +186,19 @@ class Instance:
         Args:
             driven: names of inputs, Real ones first, then Integer, then Boolean.
             u: (len(driven),) where their values will be.
-            y: (outputs,) where the outputs go, in the order of `Description.outputs`.
+            y: (outputs,) where the outputs go.
             returns: whether a saved state may be restored later; the standard has this told to
                 the FMU with every step.
+            outputs: names of those that are read, in the order of `Description.outputs`, which
+                are all if left out.
 
         Returns:
             `advance(t, h)`; it raises FaultError.
         """
         self._alive.clear()  # of an earlier stepper, which is not called any more
         setters = self._accessors("Set", [self._description.variables[n] for n in driven], u)
-        outputs = [self._description.variables[port.name] for port in self._description.outputs]
-        getters = self._accessors("Get", outputs, y)
+        read_names = outputs or [port.name for port in self._description.outputs]
+        getters = self._accessors("Get", [self._description.variables[n] for n in read_names], y)
         component = self._fmu.component
         do_step = self._fmu.dll["fmi2DoStep"]
         do_step.argtypes = [ctypes.c_void_p, ctypes.c_double, ctypes.c_double, ctypes.c_int]

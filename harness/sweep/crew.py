@@ -15,6 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
+from harness.errors import SteadytipError
 from harness.parts.isolated import end_with_parent, ending
 from harness.sweep.stand import Base, Row, Stand
 
@@ -26,6 +27,8 @@ if TYPE_CHECKING:
 
 __all__ = ["Crew", "LocalCrew", "OwnCrew", "TooLong"]
 
+_TRIES = 2
+"""Processes that may end before they are there, when none ever was."""
 _LAST = 2.0  # s that a worker's process gets to tell how it ended
 
 
@@ -86,6 +89,9 @@ class LocalCrew:
         """
         self._base = base
         self._limit = TooLong(timeout)
+        self._born = False
+        """Whether any process has ever started."""
+        self._stillborn = 0
         self._workers = {f"process {k}": _Worker() for k in range(1, workers + 1)}
 
     def free(self) -> Sequence[str]:
@@ -131,9 +137,17 @@ class LocalCrew:
 
     def _result(self, worker: _Worker) -> Row:
         assert worker.future is not None
+        assert worker.ready is not None
         try:
             row = worker.future.result()
+            self._born = True
         except BrokenProcessPool:
+            self._stillborn += worker.ready.exception() is not None
+            if self._stillborn >= _TRIES and not self._born:
+                raise SteadytipError(
+                    "the processes of the sweep do not start. A script of your own calls "
+                    "harness.sweep below: if __name__ == '__main__':"
+                ) from None
             how = "ended"
             if worker.process is not None:
                 worker.process.join(_LAST)
@@ -175,7 +189,7 @@ def _context() -> BaseContext:
 
 
 class OwnCrew:
-    """This process itself, one case after the other: for a debugger, and where it is quicker."""
+    """This process itself, one case after the other and without a time-out: for a debugger."""
 
     def __init__(self, base: Base) -> None:
         """Nothing is made yet.

@@ -9,13 +9,25 @@ import numpy as np
 
 from harness.consistency import consistency_of
 from harness.metrics import metrics_of_result
+from harness.scenario import SQUARED
+from harness.system import matching
 
 if TYPE_CHECKING:
     from harness.metrics import Metric
     from harness.parts import FloatArray
     from harness.system import System
 
-__all__ = ["Kept"]
+__all__ = ["Kept", "wanted"]
+
+_OF_ESTIMATORS = (SQUARED, "innovation_size", "valid", "*_sigma_?")
+
+
+def wanted(system: System) -> tuple[str, ...]:
+    """Columns that figures of merit can need: those with a role, and what estimators state."""
+    names = [column.name for column in system.columns]
+    played = [name for columns in system.roles.values() for name in columns]
+    stated = matching(names, [f"*.{port}" for port in _OF_ESTIMATORS])
+    return tuple(dict.fromkeys([*played, *stated]))
 
 
 class Kept:

@@ -121,11 +121,14 @@ def sweep(
     store = Store(folder, prepared.identity, prepared.facts, fresh)
     try:
         _run(prepared, store, workers, scheduler, status, progress)
-    finally:
+    except RunError:
         store.close()
-        # Also of a sweep that was stopped; the error that stopped it comes first.
+        # What there is, as a table; what stopped the sweep is told first.
         with contextlib.suppress(RunError):
             write_parquet(folder, prepared.facts)
+        raise
+    finally:
+        store.close()
     write_parquet(folder, prepared.facts)
     found = Outcome(folder)
     if page:

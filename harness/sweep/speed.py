@@ -1,4 +1,4 @@
-"""How fast a sweep goes: runs in a second; `steadytip bench sweep` has it measured.
+"""How fast a sweep goes; `steadytip bench sweep` compares one worker with two.
 
 Workers that start are not counted: time passes from when each has finished its first run.
 """

@@ -25,8 +25,8 @@ from harness.fused import fuse
 from harness.parts import Part, Restorable, Reusable, Run
 from harness.parts.fmu import FmuPart
 from harness.scenario import Scenario, merged, nested, varied
-from harness.sweep.kept import Kept
-from harness.system import assemble, part_seed, placed
+from harness.sweep.kept import Kept, wanted
+from harness.system import System, assemble, part_seed, placed
 
 if TYPE_CHECKING:
     from harness.loop import Moment, Outcome
@@ -136,11 +136,13 @@ class _Rig:
                 if table.innovation_size is not None
             },
         }
-        self.kept = Kept(self.system, facts)
-        self._beginning: _Beginning | None = None
         parts = self.system.parts.values()
         found = [p for p in parts if isinstance(p, FmuPart) and p.name not in self.made.parts]
         self._container = found[0] if found else None
+        if self._container is not None:
+            self._container.show(_needed(self.system, self._container))
+        self.kept = Kept(self.system, facts)
+        self._beginning: _Beginning | None = None
         for part in parts:
             if isinstance(part, Reusable):
                 part.kept = True
@@ -228,6 +230,19 @@ class _Rig:
             with contextlib.suppress(FaultError):
                 part.release() if isinstance(part, Reusable) else part.close()
         self._room.cleanup()
+
+
+def _needed(system: System, container: FmuPart) -> set[str]:
+    """Outputs of a container that figures of merit or parts beside it need.
+
+    It is an FMU of our own, which itself refuses to give anything that is not finite: nothing
+    goes unnoticed in the others.
+    """
+    kept = wanted(system)
+    links = {link.source for link in system.wiring.links if link.source_part == container.name}
+    names = {port.name: f"{container.name}.{port.name}" for port in container.outputs}
+    found = {port for port, name in names.items() if system.names.get(name, name) in kept} | links
+    return found or {container.outputs[0].name}
 
 
 def _returns(part: Part) -> bool:

@@ -154,7 +154,9 @@ class Store:
         self._forced, self._dirty = time.monotonic(), False
 
     def close(self) -> None:
-        """Close the journal."""
+        """Close the journal, once."""
+        if self._file.closed:
+            return
         with contextlib.suppress(OSError):
             os.fsync(self._file.fileno())
         with contextlib.suppress(OSError):

@@ -380,12 +380,39 @@ def test_ctrl_c_between_two_runs_keeps_what_there_is(small, tmp_path, monkeypatc
 
 
 @pytest.mark.slow
-def test_figures_of_speed_are_sane():
-    from harness.sweep.speed import figures
+def test_throughput_is_of_the_runs_alone():
+    from harness.sweep.speed import throughput
 
-    found = {each.quantity: each for each in figures(runs=4, seconds=1.5, repeats=1)}
-    assert len(found) == 5
-    assert all(each.measured > 0.0 for each in found.values())
-    # Not how fast, but that both count the same things.
-    rates = [found[f"sweep, {n}"].measured for n in ("1 worker", "2 workers")]
-    assert 0.3 < rates[1] / rates[0] < 6.0
+    (one, cost), (two, _) = (throughput(n, 6, 1.5) for n in (1, 2))
+    # Not how fast: processor time of a run fits into the time it takes, and both count the same.
+    assert 0.0 < cost < 2.0 / one
+    assert 0.3 < two / one < 6.0
+
+
+@pytest.mark.slow
+def test_a_script_that_starts_itself_again_is_told_so(small, tmp_path):
+    script = tmp_path / "script.py"
+    script.write_text(
+        f"import harness\nharness.sweep({str(small(CHANCE))!r}, out={str(tmp_path)!r})\n"
+    )
+    done = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True)
+    assert done.returncode == 1
+    assert "below: if __name__ == '__main__':" in done.stderr.splitlines()[-1]
+
+
+@pytest.mark.slow
+def test_recordings_of_a_folder_vary_too(tmp_path, recording, monkeypatch):
+    folder = tmp_path / "hands"
+    folder.mkdir()
+    for k in (1, 2):
+        lines = recording.read_text().splitlines()
+        (folder / f"hand_{k}.csv").write_text("\n".join(lines[: 500 - 50 * k]) + "\n")
+    path = tmp_path / "moved.toml"
+    path.write_text(
+        'extends = "closed_loop"\nsettle = 0.2\n[sweep]\nseeds = [1, 2]\nmotions = ["hands"]\n'
+    )
+    found = swept(path, tmp_path / "out", workers=2)
+    assert found.axes == ["motion"]
+    assert [row["motion"] for row in rows(found)] == ["hand_1.csv"] * 2 + ["hand_2.csv"] * 2
+    for run in (0, 3):
+        assert figures(found, run) == alone(found, run, path, tmp_path)
