@@ -409,7 +409,7 @@ class Loop:
         signals, older, newer = history[:width], history[width:], history[:-width]
         delayed = len(older) > 0
         take, record, clock = history.take, self._recorder.append, time.perf_counter
-        plan = [
+        order = [
             (i, s if len(s) else None, u, part.advance, y, y.dot, limit)
             for i, (part, s, u, y, limit) in enumerate(
                 zip(
@@ -433,7 +433,7 @@ class Loop:
                     break
                 h = spanned * step
             since = clock()
-            for index, sources, u, advance, y, dot, limit in plan:
+            for index, sources, u, advance, y, dot, limit in order:
                 self._now = (index, "its step", t, since)
                 if sources is not None:
                     take(sources, out=u, mode="clip")

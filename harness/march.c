@@ -53,7 +53,7 @@ struct march {
     int64_t tick, last;
     double *row;  /* where this tick goes, and how many have room from there on */
     int64_t room;
-    int (*clock)(int id, int64_t *time); /* clock_gettime; or QueryPerformanceCounter */
+    void (*clock)(void); /* clock_gettime; or QueryPerformanceCounter */
     int clock_id;
     double clock_period; /* of QueryPerformanceCounter [s] */
     volatile int64_t begun; /* calls of parts that have begun; for the watching thread */
@@ -68,7 +68,7 @@ static double now(const struct march *m) {
     ((int (*)(int64_t *))m->clock)(time);
     return (double)time[0] * m->clock_period;
 #else
-    m->clock(m->clock_id, time);
+    ((int (*)(int, int64_t *))m->clock)(m->clock_id, time);
     return (double)time[0] + 1e-9 * (double)time[1];
 #endif
 }

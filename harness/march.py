@@ -20,9 +20,9 @@ import time
 from collections.abc import Sequence
 from contextlib import suppress
 from enum import IntEnum
-from functools import cache
+from functools import cache, partial
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -30,7 +30,10 @@ from numpy.typing import NDArray
 from harness.errors import SteadytipError
 from harness.parts import Access, Calls, FloatArray, Marching, Part, Rows
 
-__all__ = ["How", "March", "library", "plan"]
+if TYPE_CHECKING:
+    from fmu_src.pack.native import Slice
+
+__all__ = ["How", "March", "compiled", "library", "plan"]
 
 _SOURCE = Path(__file__).with_name("march.c")
 _FLAGS = ("-std=c99", "-O2", "-shared", "-nostdlib", "-ffreestanding", "-fno-builtin")
@@ -107,7 +110,10 @@ def library() -> Any:
     for _ in range(2):
         with suppress(OSError, SteadytipError):
             if not path.is_file():
-                _compile(content.decode("utf-8"), path)
+                from fmu_src.pack import native
+
+                part = native.TARGETS[native.host()][-1 if platform.machine() == "arm64" else 0]
+                native.kept(path, partial(compiled, part, path.parents[1]))
             try:
                 return ctypes.CDLL(str(path))
             except OSError:  # damaged: once more
@@ -115,15 +121,23 @@ def library() -> Any:
     return None
 
 
-def _compile(text: str, path: Path) -> None:
+def compiled(part: Slice, cache: Path, *warnings: str) -> bytes:
+    """The library for a platform.
+
+    Args:
+        part: platform.
+        cache: folder of the compiler's own files.
+        warnings: flags for those that are wanted.
+
+    Raises:
+        SteadytipError: the compiler is missing or refuses the source.
+    """
     from fmu_src.pack import native
 
-    part = native.TARGETS[native.host()][-1 if platform.machine() == "arm64" else 0]
     flags = [flag.format(name="march") for flag in part.flags if flag != "-lm"]
-    arguments = ["-target", part.triple, *_FLAGS, "march.c", "-o", "march.lib", *flags]
-    native.kept(
-        path, lambda: native.compile_c({"march.c": text}, arguments, "march.lib", path.parents[1])
-    )
+    arguments = ["-target", part.triple, *_FLAGS, *warnings, "march.c", "-o", "march.lib", *flags]
+    texts = {"march.c": _SOURCE.read_text(encoding="utf-8")}
+    return native.compile_c(texts, arguments, "march.lib", cache)
 
 
 def plan(parts: Sequence[Part]) -> list[Calls | Rows] | None:

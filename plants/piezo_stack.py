@@ -42,6 +42,7 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, real
+from fmu_src.kit.pairs import total
 
 SUBSTEPS = 2
 LEAST_THRESHOLD = 0.3
@@ -166,38 +167,52 @@ def slip(p: Params, held: Any, charge: Any, rise: Any, derived: Rows) -> Any:
     return trial - ca.copysign(over - left, trial)
 
 
-def loop(derived: Rows, held: Any, rise: Any) -> Any:
-    """Loop h after a step [V], exact for a voltage that goes one way."""
-    steepness, width = (
-        ca.if_else(rise > 0, either[0], either[1])
-        for either in (derived.steepness, derived.loop_end)
-    )
-    end = ca.sign(rise) * width
-    return end + (held - end) * ca.exp(-steepness * ca.fabs(rise))
+def loop(derived: Rows, held: Any, rise: Any, towards: Any) -> Any:
+    """Loop h after a step [V], exact for a voltage that goes one way.
+
+    Args:
+        derived: what follows from the parameters.
+        held: h before [V].
+        rise: change of v in the step [V].
+        towards: a number of the same sign, the same in all steps of a sample.
+    """
+    rising = towards > 0
+    steepness = ca.if_else(rising, -derived.steepness[0], derived.steepness[1])
+    end = ca.sign(towards) * ca.if_else(rising, derived.loop_end[0], derived.loop_end[1])
+    return end + (held - end) * ca.exp(steepness * rise)
 
 
 def ceramic(p: Params, derived: Rows, x: X) -> Any:
     """Stroke y_i of the ceramic without creep [m]."""
-    strained = x.charge - ca.dot(p.slip_weight, x.slip) - p.loop_weight * x.loop
+    strained = x.charge - p.loop_weight * x.loop - total(p.slip_weight * x.slip)
     bend = 1 + strained * (p.gain_slope + p.gain_curvature * strained)
     return derived.gains * strained * bend
 
 
-def substep(p: Params, volts: Any, x: X, h: float, derived: Rows) -> X:
-    """The stack a step later."""
+def substep(p: Params, volts: Any, towards: Any, x: X, h: float, derived: Rows) -> X:
+    """The stack a step later.
+
+    Args:
+        p: parameters.
+        volts: u [V].
+        towards: u - v at the sample [V].
+        x: the stack.
+        h: length of the step [s].
+        derived: what follows from the parameters and that.
+    """
     charge = volts + (x.charge - volts) * derived.charging
     rise = charge - x.charge
     moved = x.replace(
         charge=charge,
         slip=slip(p, x.slip, charge, rise, derived),
-        loop=loop(derived, x.loop, rise),
+        loop=loop(derived, x.loop, rise, towards),
     )
     before, after = ceramic(p, derived, x), ceramic(p, derived, moved)
-    aim = p.creep_share * (before + after) / 2
+    aim = (0.5 * p.creep_share) * (before + after)
     creep = aim + (x.creep - aim) * derived.creep
 
     # Forced by a straight run from `start` to `end`, the mode follows it 2 zeta / w late.
-    start, end = before + ca.sum1(x.creep), after + ca.sum1(creep)
+    start, end = before + total(x.creep), after + total(creep)
     way = end - start
     slope, late = way * (1 / h), derived.late * way
     free = derived.mode @ ca.vertcat(
@@ -211,7 +226,7 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:
     """One sample: the stroke at its instant, then the stack until the next."""
     following = x
     for _ in range(SUBSTEPS):
-        following = substep(p, u.volts, following, T / SUBSTEPS, derived)
+        following = substep(p, u.volts, u.volts - x.charge, following, T / SUBSTEPS, derived)
     return following, Out(stroke=x.stroke)
 
 

@@ -23,6 +23,18 @@ def by_model() -> list[Any]:
     return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in model_names()]
 
 
+_FIRST = ("wall-clock", "platforms")
+"""Groups of tests that take minutes, each in one worker."""
+
+
+@pytest.hookimpl(trylast=True)
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """What takes longest begins first, or the other workers would wait for it in the end."""
+    items.sort(
+        key=lambda item: not any(m.args[0] in _FIRST for m in item.iter_markers("xdist_group"))
+    )
+
+
 @pytest.fixture
 def nothing_kept() -> Iterator[None]:
     """All that is built is made anew."""

@@ -535,7 +535,18 @@ def make(name: str, method: Filter) -> Model:
             innovation_size=POSE * usable + 3 * count * single,
         )
 
-    return Model(name, step, Params, In, X, Out, sample_period=SAMPLE_PERIOD, matrix=True)
+    # Derivatives of Jacobians of 53 errors would be half of the binary and of the time to build it.
+    return Model(
+        name,
+        step,
+        Params,
+        In,
+        X,
+        Out,
+        sample_period=SAMPLE_PERIOD,
+        matrix=True,
+        derivatives=False,
+    )
 
 
 _TOLD = (

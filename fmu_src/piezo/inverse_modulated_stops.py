@@ -36,6 +36,7 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
+from fmu_src.kit.pairs import smallest, total
 from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
 from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
@@ -162,7 +163,7 @@ def nearby(
     wanted = stroke - settled(p, derived, x)
     share = derived.share
     here = ca.fmin(ca.fmax(x.volts, amplifier.lowest), amplifier.highest)
-    low, high = (-share * ca.dot(w, x.plays) for w in (p.weights_low, p.weights_high))
+    low, high = (-share * total(w * x.plays) for w in (p.weights_low, p.weights_high))
     resting = Piece(p, derived, low, derived.low_sum, high, derived.high_sum)
     side = ca.if_else(resting.stroke(share * here) < wanted, 1.0, -1.0)
     # How far each play is from its end in the direction of the voltage [V]. Those that are there
@@ -170,7 +171,7 @@ def nearby(
     way = (p.thresholds + side * x.plays) - side * here
     ended = way <= SAME * p.span
     low_ended, high_ended = (
-        ca.sum1(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
+        total(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
     )
     ahead = Piece(
         p,
@@ -181,20 +182,12 @@ def nearby(
         derived.high_sum - high_ended,
     )
     limit = ca.if_else(side > 0, amplifier.highest - here, here - amplifier.lowest)
-    reach = _smallest([limit, *ca.vertsplit(ca.if_else(ended, limit, way))])
+    reach = smallest(ca.vertcat(limit, ca.if_else(ended, limit, way)))
     end = share * (here + side * reach)
     bottom, top = ca.fmin(share * here, end), ca.fmax(share * here, end)
     a, last = ahead.solved(wanted, share * here, bottom, top, FEW_STEPS)
     reached = side * (ahead.stroke(end) - wanted) >= 0
     return a * p.span, ca.logic_and(ca.logic_or(reached, reach >= limit), last <= SMALL_STEP)
-
-
-def _smallest(values: list[Any]) -> Any:
-    """Of some, by pairs, since in a row each would wait for the one before."""
-    while len(values) > 1:
-        pairs = zip(values[::2], values[1::2], strict=False)
-        values = [ca.fmin(one, other) for one, other in pairs] + values[len(values) // 2 * 2 :]
-    return values[0]
 
 
 def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:

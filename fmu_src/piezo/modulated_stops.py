@@ -52,6 +52,7 @@ from fmu_src.kit import (
     design,
     real,
 )
+from fmu_src.kit.pairs import total
 from fmu_src.piezo.prandtl_ishlinskii import UNDEFINED
 
 STOPS = 12
@@ -190,7 +191,7 @@ def creep(p: Stops, derived: Constants, x: Memory) -> ca.SX:
 
 def settled(p: Stops, derived: Constants, x: Memory) -> ca.SX:
     """What the stroke holds whatever the voltage of this sample [m]."""
-    crept = ca.dot(p.creep, creep(p, derived, x))
+    crept = total(p.creep * creep(p, derived, x))
     return crept - derived.steepness * (x.volts * derived.share)
 
 
@@ -204,7 +205,7 @@ def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memo
     following = remember(p, derived, u.volts, x)
     a = u.volts * derived.share
     left = u.volts - following.plays
-    low, high = ca.dot(p.weights_low, left), ca.dot(p.weights_high, left)
+    low, high = total(p.weights_low * left), total(p.weights_high * left)
     held = ((1 - a) * low + a * high) * derived.share
     stroke = settled(p, derived, x) + derived.steepness * a + loading(p, a) - held
     return following, Out(stroke=stroke)

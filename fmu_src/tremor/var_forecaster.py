@@ -56,6 +56,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.kit import Derived, Model, Outputs, State, boolean, real
+from fmu_src.kit.pairs import total
 from fmu_src.tremor import blocks, phasors, zero_phase
 from fmu_src.tremor.ports import In
 
@@ -161,8 +162,7 @@ def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: f
 def inner(one: Any, other: Any) -> Any:
     """Inner product of two columns."""
     products = one * other
-    sums = [ca.sum1(products[lane::LANES]) for lane in range(LANES)]
-    return (sums[0] + sums[1]) + (sums[2] + sums[3])
+    return total(ca.vertcat(*(ca.sum1(products[lane::LANES]) for lane in range(LANES))))
 
 
 def others(axis: int) -> list[int]:

@@ -10,7 +10,7 @@ from rich.console import Console
 
 __all__ = ["GROUPS", "bench"]
 
-GROUPS = ("fmus", "loop", "container", "memory", "start", "build", "hil", "bus")
+GROUPS = ("fmus", "loop", "container", "sweep", "memory", "start", "build", "hil", "bus")
 """Files of the suite, in the order in which they are shown."""
 _console = Console()
 

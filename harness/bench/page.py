@@ -71,7 +71,7 @@ def console_tables(group: str, book: Book) -> Iterator[Table]:
         table = Table(box=None, pad_edge=False)
         for index, name in enumerate(found.header):
             number = 0 < index <= found.numbers
-            table.add_column(name or group, justify="right" if number else "left")
+            table.add_column(name or group, justify="right" if number else "left", overflow="fold")
         for row in found.rows:
             table.add_row(*map(escape, row))
         yield table

@@ -1,4 +1,4 @@
-"""What is looked at in a process of its own, for nothing else to be in it: memory, builds."""
+"""What is looked at in a process of its own: memory, builds, speed."""
 
 from __future__ import annotations
 
@@ -12,7 +12,7 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-__all__ = ["alone", "builds", "instances", "runs"]
+__all__ = ["alone", "builds", "instances", "runs", "spun"]
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
@@ -115,3 +115,25 @@ def builds(folder: Path, names: Sequence[str]) -> dict[str, float]:
             pack.build([name])
             spent[name] = time.perf_counter() - begun
     return spent
+
+
+def spun(seconds: float, processes: int) -> float:
+    """Rounds of plain arithmetic in a second, of processes together that share nothing.
+
+    Args:
+        seconds: how long each spins [s].
+        processes: how many do so at once.
+    """
+    with ProcessPoolExecutor(processes, multiprocessing.get_context("spawn")) as pool:
+        list(pool.map(_spin, [0.05] * processes))  # they are there
+        return sum(pool.map(_spin, [seconds] * processes))
+
+
+def _spin(seconds: float) -> float:
+    rounds, value = 0, 0.5
+    begun = time.perf_counter()
+    while (spent := time.perf_counter() - begun) < seconds:
+        for _ in range(1000):
+            value = 3.7 * value * (1.0 - value)
+        rounds += 1
+    return rounds / spent

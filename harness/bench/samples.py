@@ -66,6 +66,7 @@ _LISTENERS: dict[str, list[tuple[dict[str, Any], dict[str, str]]]] = {
         *(({"fmu": f"Inverse{name}PrandtlIshlinskii"}, _STROKE) for name in ("", "Rate", "Creep")),
         ({"fmu": "InverseModulatedStops"}, _STROKE),
         ({"fmu": "DisplacementSensor"}, _STROKE),
+        ({"fmu": "SignalFault"}, {"signal": "piezo_1.stroke"}),
     ],
     "pose_tracking": [
         *(({"fmu": name}, _TRACKED) for name in ("OpticalInertialUkf", "OpticalPoseUkf")),

@@ -1,6 +1,8 @@
 """Directional derivatives of the native FMU against differences over one step."""
 
 import numpy as np
+import pytest
+from fmpy.fmi1 import FMICallException
 
 
 def test_directional_derivatives_equal_differences_over_a_step(model, start, inputs) -> None:
@@ -10,6 +12,8 @@ def test_directional_derivatives_equal_differences_over_a_step(model, start, inp
     the point then disagree, and such outputs are left out, but never all of them.
     """
     instance = start()
+    if not model.derivatives:
+        pytest.skip("this model gives none")
     reals = [v for v in instance.variables if v.type == "Real"]
     known = [v for v in reals if v.causality == "input"]
     unknown = [v for v in reals if v.causality == "output"]
@@ -44,14 +48,12 @@ def test_directional_derivatives_equal_differences_over_a_step(model, start, inp
     assert compared > 0
 
 
-def test_only_outputs_by_inputs_are_offered(start) -> None:
-    import pytest
-    from fmpy.fmi1 import FMICallException
-
+def test_only_outputs_by_inputs_are_offered(model, start) -> None:
     instance = start()
     output = next(v for v in instance.variables if v.causality == "output" and v.type == "Real")
     with pytest.raises(FMICallException):
         instance.fmu.getDirectionalDerivative(
             [output.valueReference], [output.valueReference], [1.0]
         )
-    assert "knowns are inputs only" in instance.messages[-1]
+    reason = "knowns are inputs only" if model.derivatives else "Derivative is false"
+    assert reason in instance.messages[-1]

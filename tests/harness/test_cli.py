@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
 from typer.testing import CliRunner
 
 from harness.cli import app, main
@@ -185,6 +186,7 @@ def test_info_shows_ports_parameters_units_and_limits_of_an_fmu(probe, monkeypat
     assert "│ y │ Real │ m │" in out
 
 
+@pytest.mark.usefixtures("nothing_kept")
 def test_build_writes_the_fmus_that_are_asked_for(tmp_path, monkeypatch, capsys):
     code, out, _ = call(monkeypatch, capsys, "build", "PiezoStack", "--out", str(tmp_path))
     assert code == 0

@@ -123,6 +123,7 @@ def test_a_container_stands_in_a_hostile_host(block) -> None:
     assert validate(block, timeout=120.0).good
 
 
+@pytest.mark.usefixtures("nothing_kept")
 def test_a_container_is_built_once(block) -> None:
     said = []
     system = assemble(scenario.load("closed_loop"))

@@ -113,10 +113,10 @@ def test_a_hang_is_ended_with_its_process(write_scenario, tmp_path):
     begun = time.perf_counter()
     with pytest.raises(
         PartError,
-        match=r"'bad' did not come back from its step at t = 0.5 s .*step_limit of 1 s\. "
+        match=r"'bad' did not come back from its step at t = 0.5 s .*step_limit of 3 s\. "
         "Its process was ended",
     ) as caught:
-        run(write_scenario(pair("hangs", extra="step_limit = 1.0")), tmp_path)
+        run(write_scenario(pair("hangs", extra="step_limit = 3.0")), tmp_path)
     assert time.perf_counter() - begun < 15.0
     assert len(caught.value.result.time) == 500
     assert children_of(os.getpid()) == []

@@ -1,5 +1,6 @@
 """Modulated stops: against a plain sum of stops, their limits, and their step-wise inverse."""
 
+import casadi as ca
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -208,3 +209,41 @@ def test_gain_stays_without_leave_to_learn():
     assert np.all(still["gain"] == 1.0)
     off = Runner(inverse.MODEL).run(500, {**inputs, "measured_valid": 1.0})
     assert np.all(off["gain"] == 1.0)
+
+
+@settings(deadline=None)
+@given(st.integers(0, 2**32 - 1), st.floats(1e-8, 1e-5))
+def test_the_short_way_finds_what_the_search_finds(seed, pace):
+    """A random walk of the demand: where no break point lies between, both give one voltage."""
+    records = (Stops, operator.Constants, inverse.Range)
+    values = [ca.DM(record.starts()) for record in records]
+    values[1] = DERIVE(values[0])
+    memory = np.array(operator.Memory.starts())
+    steps = pace * np.random.default_rng(seed).standard_normal(60)
+    short = 0
+    for stroke in np.clip(7e-6 + np.cumsum(steps), -1e-6, 16e-6):
+        volts, found, searched, memory = WAYS(*values, stroke, memory)
+        if found:
+            assert float(volts) == pytest.approx(float(searched), abs=1e-9)
+            short += 1
+    assert short > 0
+
+
+def _ways() -> tuple[ca.Function, ca.Function]:
+    records = (Stops, operator.Constants, inverse.Range)
+    p, d, a = (ca.SX.sym(record.__name__, record.size()) for record in records)
+    stroke, memory = ca.SX.sym("stroke"), ca.SX.sym("x", operator.Memory.size())
+    stops, constants = Stops.unpack(p), operator.Constants.unpack(d)
+    x = operator.Memory.unpack(memory)
+    given_to_both = (stops, constants, records[2].unpack(a), stroke, x)
+    volts, found = inverse.nearby(*given_to_both)
+    searched = inverse.anywhere(*given_to_both)
+    following = operator.remember(stops, constants, searched, x).pack()
+    derived = operator.derive(stops, T).pack()
+    return (
+        ca.Function("derive", [p], [derived]),
+        ca.Function("ways", [p, d, a, stroke, memory], [volts, found, searched, following]),
+    )
+
+
+DERIVE, WAYS = _ways()

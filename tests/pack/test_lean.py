@@ -1,0 +1,51 @@
+"""What is taken out of CasADi's C, and what is left."""
+
+from fmu_src.pack.lean import lean
+
+HEAD = "(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem)"
+
+
+def _function(name: str, *lines: str) -> str:
+    return f"static int {name}{HEAD} {{\n" + "".join(f"  {line}\n" for line in lines) + "}\n"
+
+
+def _matrices(*uses: str) -> str:
+    return _function(
+        "by_matrices",
+        "casadi_real **res1=res+1, *w0=w+12, *w01=w+123;",
+        "/* #0: call */",
+        "res1[0]=w0;",
+        "if (casadi_f1(arg1, res1, iw, w, 0)) return 1;",
+        *uses,
+        "if (res[0]) casadi_copy(w0, 40, res[0]+7);",
+        "return 0;",
+    )
+
+
+def test_a_result_that_is_only_put_out_is_written_where_it_goes():
+    text = lean(_matrices())
+    assert "*w0=res[0] ? res[0]+7 : w+12, *w01=w+123;" in text
+    assert "casadi_copy" not in text
+
+
+def test_a_result_that_is_used_stays_in_the_work_vector():
+    text = lean(_matrices("w01[0] = w0[3];"))
+    assert "*w0=w+12, *w01=w+123;" in text
+    assert "casadi_copy(w0, 40, res[0]+7);" in text
+
+
+def test_functions_by_elements_take_their_vectors_apart():
+    text = lean(
+        _function(
+            "by_elements",
+            "casadi_real a0;",
+            "a0=arg[2]? arg[2][5] : 0;",
+            "if (res[0]!=0) res[0][1]=a0;",
+            "return 0;",
+        )
+    )
+    inner, outer = text.split("static int by_elements(")
+    assert "const casadi_real* restrict u2, casadi_real* restrict y0)" in inner
+    assert "a0=u2[5];" in inner
+    assert "if (y0!=0) y0[1]=a0;" in inner
+    assert "return by_elements_apart(arg, res, iw, w, mem, arg[2], res[0]);" in outer
