@@ -416,3 +416,28 @@ def test_recordings_of_a_folder_vary_too(tmp_path, recording, monkeypatch):
     assert [row["motion"] for row in rows(found)] == ["hand_1.csv"] * 2 + ["hand_2.csv"] * 2
     for run in (0, 3):
         assert figures(found, run) == alone(found, run, path, tmp_path)
+
+
+@pytest.mark.slow
+@posix
+def test_two_workers_halve_the_time_of_runs_that_wait(write_scenario, tmp_path):
+    """Runs whose last step sleeps for 1.5 s: what is left to see is what the sweep itself adds."""
+    text = (
+        '[part.slow]\nfmu = PROBE\nmode = 4\nat = 1.4995\n[signals]\ndrive = "slow.count"\n'
+        "[sweep]\nseeds = 4\n"
+    )
+    path = write_scenario(text, head="seconds = 1.5\nstep = 1e-3\n")
+
+    def spent(workers: int) -> float:
+        ends = []
+        swept(
+            path,
+            tmp_path / f"{workers}",
+            workers=workers,
+            fuse=False,
+            progress=lambda done, _runs, _failed: ends.append((done, time.monotonic())),
+        )
+        begun = next(at for done, at in ends if done >= workers)
+        return (ends[-1][1] - begun) / (4 - workers)
+
+    assert spent(1) / spent(2) > 1.7
