@@ -6,10 +6,11 @@ from typing import TYPE_CHECKING
 
 from rich.console import Console
 from rich.markup import escape
-from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 from rich.table import Table as Printed
 
 if TYPE_CHECKING:
+    from rich.progress import Progress
+
     from harness.report.page import Table
 
 __all__ = ["bar", "printed", "say"]
@@ -17,6 +18,8 @@ __all__ = ["bar", "printed", "say"]
 
 def bar(console: Console, quiet: bool) -> Progress:
     """A bar with what is done and the time that it has taken; none if `quiet`."""
+    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
     return Progress(
         TextColumn("{task.description}", markup=False),
         BarColumn(),
