@@ -3,8 +3,9 @@
  * Needs no C library, so that it compiles in a moment wherever the compiler is.
  */
 #include <float.h>
-#include <stddef.h>
 #include <stdint.h>
+
+#include "access.h"
 
 #ifdef _WIN32
 #define EXPORT __declspec(dllexport)
@@ -16,15 +17,6 @@ int DllMainCRTStartup(void *library, unsigned reason, void *reserved) { return 1
 enum { WARNING = 1 }; /* the last of FMI's statuses that one may go on with */
 /* why it came back: the room for records is full, the run is over, or something is wrong */
 enum { FULL, DONE, STOPPED, FAILED, NOT_FINITE, LATE };
-
-/* fmi2SetReal and its kin: values of one type */
-struct access {
-    int (*call)(void *component, const unsigned *references, size_t count, void *values);
-    const unsigned *references;
-    size_t count;
-    double *values; /* doubles whatever the type */
-    int *integers;  /* what Integer and Boolean pass through; NULL for Real */
-};
 
 struct part {
     size_t inputs; /* u[i] is history[sources[i]] */

@@ -33,9 +33,11 @@ from harness.parts import Access, Calls, FloatArray, Marching, Part, Rows
 if TYPE_CHECKING:
     from fmu_src.pack.native import Slice
 
-__all__ = ["How", "March", "compiled", "library", "plan"]
+__all__ = ["ACCESS", "How", "March", "accesses", "compiled", "library", "plan"]
 
 _SOURCE = Path(__file__).with_name("march.c")
+ACCESS = Path(__file__).with_name("access.h")
+"""What `accesses` lays out, in C."""
 _FLAGS = ("-std=c99", "-O2", "-shared", "-nostdlib", "-ffreestanding", "-fno-builtin")
 _FOLDER = Path("build", "c", "runs")
 
@@ -53,6 +55,13 @@ class _Access(ctypes.Structure):
         ("count", ctypes.c_size_t),
         ("values", ctypes.c_void_p),
         ("integers", ctypes.c_void_p),
+    )
+
+
+def accesses(calls: Sequence[Access]) -> Any:
+    """Calls that pass values as an array for C, which lives as long as somebody holds it."""
+    return (_Access * len(calls))(
+        *(_Access(a.function, a.references, a.count, a.values, a.integers) for a in calls)
     )
 
 
@@ -103,7 +112,7 @@ class _March(ctypes.Structure):
 @cache
 def library() -> Any:
     """The compiled `march.c`; None where it cannot be had."""
-    content = _SOURCE.read_bytes()
+    content = ACCESS.read_bytes() + _SOURCE.read_bytes()
     where = " ".join((*_FLAGS, platform.system(), platform.machine()))
     digest = hashlib.sha256(content + where.encode()).hexdigest()[:32]
     path = (_FOLDER / f"{digest}.lib").resolve()
@@ -136,7 +145,7 @@ def compiled(part: Slice, cache: Path, *warnings: str) -> bytes:
 
     flags = [flag.format(name="march") for flag in part.flags if flag != "-lm"]
     arguments = ["-target", part.triple, *_FLAGS, *warnings, "march.c", "-o", "march.lib", *flags]
-    texts = {"march.c": _SOURCE.read_text(encoding="utf-8")}
+    texts = {path.name: path.read_text(encoding="utf-8") for path in (ACCESS, _SOURCE)}
     return native.compile_c(texts, arguments, "march.lib", cache)
 
 
@@ -293,10 +302,8 @@ class March:
         part.getters, part.get = len(calls.get), self._accesses(calls.get)
         return part
 
-    def _accesses(self, accesses: Sequence[Access]) -> int:
-        array = (_Access * len(accesses))(
-            *(_Access(a.function, a.references, a.count, a.values, a.integers) for a in accesses)
-        )
+    def _accesses(self, calls: Sequence[Access]) -> int:
+        array = accesses(calls)
         self._alive.append(array)
         return ctypes.addressof(array)
 

@@ -3,8 +3,9 @@
  * A sample is what any host calls in each: inputs set, a step, outputs got.
  */
 #define _POSIX_C_SOURCE 199309L
-#include <stddef.h>
 #include <stdint.h>
+
+#include "access.h"
 #ifdef _WIN32
 #include <windows.h>
 #define EXPORT __declspec(dllexport)
@@ -23,15 +24,6 @@ static double now(void) {
     return (double)t.tv_sec + 1e-9 * (double)t.tv_nsec;
 }
 #endif
-
-/* fmi2SetReal and its kin: values of one type */
-struct access {
-    int (*call)(void *component, const unsigned *references, size_t count, void *values);
-    const unsigned *references;
-    size_t count;
-    double *values; /* of getters */
-    int *integers;  /* what Integer and Boolean pass through; NULL for Real */
-};
 
 struct fmu {
     void *component;

@@ -8,7 +8,6 @@ from __future__ import annotations
 
 import ctypes
 import hashlib
-from collections.abc import Sequence
 from functools import cache
 from importlib.metadata import version
 from pathlib import Path
@@ -20,23 +19,14 @@ import numpy as np
 from fmu_src.pack import csource, native
 from harness.bench.samples import Case
 from harness.errors import SteadytipError
-from harness.parts import Access, FloatArray
+from harness.march import ACCESS, accesses
+from harness.parts import FloatArray
 from harness.parts.fmi import WARNING, Instance, Stepper
 
 __all__ = ["Stepped"]
 
 _SOURCE = Path(__file__).with_name("stepper.c")
 _CACHE = Path("build", "c")
-
-
-class _Access(ctypes.Structure):
-    _fields_ = (
-        ("call", ctypes.c_void_p),
-        ("references", ctypes.c_void_p),
-        ("count", ctypes.c_size_t),
-        ("values", ctypes.c_void_p),
-        ("integers", ctypes.c_void_p),
-    )
 
 
 class _Fmu(ctypes.Structure):
@@ -56,7 +46,10 @@ class _Fmu(ctypes.Structure):
 @cache
 def _samples() -> Any:
     """The function of `stepper.c`."""
-    texts = {csource.ENTRY: _SOURCE.read_text(encoding="utf-8")}
+    texts = {
+        csource.ENTRY: _SOURCE.read_text(encoding="utf-8"),
+        ACCESS.name: ACCESS.read_text(encoding="utf-8"),
+    }
     (part, *_) = native.TARGETS[native.host()]
     named = "\n".join([*texts.values(), part.triple, version("ziglang")])
     digest = hashlib.sha256(named.encode()).hexdigest()[:32]
@@ -94,7 +87,7 @@ class Stepped:
         self.advance: Stepper = self._instance.stepper(case.driven, self.u, self._y)
         calls = self._instance.calls
         assert calls is not None
-        self._set, self._get = _accesses(calls.set), _accesses(calls.get)
+        self._set, self._get = accesses(calls.set), accesses(calls.get)
         self._fmu = _Fmu(
             component=calls.component,
             do_step=calls.do_step,
@@ -141,9 +134,3 @@ class Stepped:
         trace: TracebackType | None,
     ) -> None:
         self.close()
-
-
-def _accesses(accesses: Sequence[Access]) -> Any:
-    return (_Access * len(accesses))(
-        *(_Access(a.function, a.references, a.count, a.values, a.integers) for a in accesses)
-    )
