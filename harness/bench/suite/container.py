@@ -63,16 +63,10 @@ def factor(bench: Bench, row: str, spent: list[float], step: float) -> None:
 @pytest.mark.parametrize("row", [_APART, _FUSED])
 def bench_tick(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> None:
     """The ticks of a run."""
-    ticks, step = 0, 1.0
-
-    def ran() -> float:
-        nonlocal ticks, step
-        facts = run(row).facts
-        ticks, step = facts["ticks"], facts["step"]
-        return float(facts["wall"]) / ticks
-
-    spent = bench.time(row, _TICK, counting(ran), rounds=1, best=True)
-    factor(bench, row, spent, step)
+    facts = run(row).facts
+    whole = counting(lambda: float(run(row).facts["wall"]))
+    spent = bench.time(row, _TICK, whole, per=facts["ticks"], rounds=1, best=True)
+    factor(bench, row, spent, facts["step"])
     if row == _FUSED:
         bench.ratio(_APART, "over the container's", (_APART, _TICK), (_FUSED, _TICK))
 
