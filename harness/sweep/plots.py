@@ -90,13 +90,7 @@ def influences(found: Sequence[Influence]) -> go.Figure:
     """Rank correlation and share of variance of each variable, with intervals."""
     order = list(reversed(found))
     names = [each.variable.removeprefix("part.") for each in order]
-    whole = make_subplots(
-        rows=1,
-        cols=2,
-        shared_yaxes=True,
-        horizontal_spacing=0.06,
-        subplot_titles=("rank correlation", "share of the variance [%]"),
-    )
+    whole = make_subplots(rows=1, cols=2, shared_yaxes=True, horizontal_spacing=0.06)
     ranked = [each for each in order if each.rho is not None]
 
     def bars(of: Sequence[Influence], middle: Any, low: Any, high: Any, colour: str) -> go.Bar:
@@ -135,8 +129,8 @@ def influences(found: Sequence[Influence]) -> go.Figure:
         row=1,
         col=2,
     )
-    whole.update_xaxes(range=[-1.05, 1.05], row=1, col=1)
-    whole.update_xaxes(range=[0, 105], row=1, col=2)
+    whole.update_xaxes(title="rank correlation", range=[-1.05, 1.05], row=1, col=1)
+    whole.update_xaxes(title="share of the variance [%]", range=[0, 105], row=1, col=2)
     whole.update_yaxes(categoryorder="array", categoryarray=names)
     return layout(whole, 110 + 34 * len(order), bargap=0.35)
 
