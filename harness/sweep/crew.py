@@ -29,7 +29,6 @@ __all__ = ["Crew", "LocalCrew", "OwnCrew", "TooLong"]
 
 _TRIES = 2
 """Processes that may end before they are there, when none ever was."""
-_LAST = 2.0  # s that a worker's process gets to tell how it ended
 
 
 class Crew(Protocol):
@@ -149,8 +148,10 @@ class LocalCrew:
                     "harness.sweep below: if __name__ == '__main__':"
                 ) from None
             how = "ended"
-            if worker.process is not None:
-                worker.process.join(_LAST)
+            if worker.process is not None and worker.pool is not None:
+                # The pool's thread reaps the process. An exit code can be read once only: if two
+                # threads ask for it, one of them may leave 255 for the true one.
+                worker.pool.shutdown(wait=True)
                 if worker.process.exitcode is not None:
                     how = ending(worker.process.exitcode)
             row = Row(worker.number, "lost", f"its worker's process {how}", worn=True)
