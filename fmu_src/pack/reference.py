@@ -14,6 +14,7 @@ are those of the FMI cross-check (rules 4.1), named by a manifest of the layered
 Row 0 holds what initialisation mode shows: y[0], too, but for a container.
 """
 
+from collections.abc import Callable
 from functools import cache
 
 import numpy as np
@@ -92,18 +93,21 @@ def compared(model: Model) -> list[str]:
     return [scalars[place].name for place in sorted(first)]
 
 
-def outputs(model: Model, u: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def outputs(
+    model: Model, u: np.ndarray, make: Callable[[Model], Runner] = Runner
+) -> tuple[np.ndarray, np.ndarray]:
     """Outputs of a run from the start values.
 
     Args:
         model: what to run.
         u: inputs of each sample, shape (samples, inputs).
+        make: gives what runs it.
 
     Returns:
         What initialisation shows, shape (outputs,), and the run, shape (samples, outputs).
     """
     names = [scalar.name for scalar in model.variables["input"]]
-    runner = Runner(model)
+    runner = make(model)
     run = runner.run(len(u), {name: u[:, place] for place, name in enumerate(names)})
     # Outputs are scalars or columns; a matrix would have to be stacked by columns.
     # Ports of a matrix go by columns.

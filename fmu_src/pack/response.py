@@ -16,15 +16,17 @@ has no equilibrium to linearise at, a converter's steps have derivatives of zero
 responds by the size of the motion. A tone of the size met in use shows what remains of it.
 """
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import cache
 from typing import Any
 
 import numpy as np
 
-from fmu_src.kit import Model
+from fmu_src.kit import Model, Runner
 from fmu_src.kit.records import Scalar
 from fmu_src.pack import reference
+from fmu_src.pack.compiled import CompiledRunner
 from fmu_src.pack.reference import TONE, reach
 
 SETTLING, WINDOW = 4.0, 2.0
@@ -32,6 +34,8 @@ SETTLING, WINDOW = 4.0, 2.0
 _BESIDE = 0.5
 _CLEAN = 0.9
 """Least share of an output's variation that has to be at the tone, or there is no response."""
+_LONG = 60_000
+"""Samples, over all inputs, from which compiling takes less time than it saves."""
 _FAINT = 1e-3
 """Weaker than that share of the strongest of its unit, an output does not follow any input."""
 
@@ -59,7 +63,8 @@ def responses(model: Model) -> list[Response]:
     outputs = [s for s in model.variables["output"] if s.field.kind == "Real"]
     if not inputs:
         return []
-    at = np.column_stack([_at_tone(quiet, scalar, TONE) for scalar in inputs])
+    make = CompiledRunner if len(_times(model)) * len(inputs) >= _LONG else Runner
+    at = np.column_stack([_at_tone(quiet, scalar, TONE, make) for scalar in inputs])
     moved = np.abs(at) * [reach(scalar) for scalar in inputs]
     chosen = {}
     for i, output in enumerate(outputs):
@@ -70,7 +75,9 @@ def responses(model: Model) -> list[Response]:
             chosen[i] = j
     turns = {}
     for j in set(chosen.values()):
-        below, above = (_at_tone(quiet, inputs[j], TONE + side) for side in (-_BESIDE, _BESIDE))
+        below, above = (
+            _at_tone(quiet, inputs[j], TONE + side, make) for side in (-_BESIDE, _BESIDE)
+        )
         turns[j] = np.angle(above * below.conj())
     return [
         Response(
@@ -95,20 +102,25 @@ def _without_noise(model: Model) -> Model:
     return replace(model, step=step, draws=0)
 
 
-def _at_tone(model: Model, scalar: Scalar, frequency: float) -> np.ndarray:
-    """H of every real output to one input; zero where the output is not a tone, too."""
-    T = model.sample_period
+def _times(model: Model) -> np.ndarray:
     # What has no state has nothing to settle.
     settling = SETTLING if model.state.size() else 0.0
-    t = np.arange(round((settling + WINDOW) / T)) * T
+    return np.arange(round((settling + WINDOW) / model.sample_period)) * model.sample_period
+
+
+def _at_tone(
+    model: Model, scalar: Scalar, frequency: float, make: Callable[[Model], Runner]
+) -> np.ndarray:
+    """H of every real output to one input; zero where the output is not a tone, too."""
+    t = _times(model)
     u = np.tile(model.inputs.starts(), (len(t), 1))
     place = model.variables["input"].index(scalar)
     a = reach(scalar)
     centre = min(scalar.start + a, scalar.field.max - a)
     u[:, place] = centre + a * np.sin(2 * np.pi * frequency * t)
     real = [s.field.kind == "Real" for s in model.variables["output"]]
-    last = round(WINDOW / T)
-    _, y = reference.outputs(model, u)
+    last = round(WINDOW / model.sample_period)
+    _, y = reference.outputs(model, u, make)
     y = y[-last:, real]
     y = y - y.mean(axis=0)
     turning = np.exp(-1j * (2 * np.pi * frequency * t[-last:] - np.pi / 2))

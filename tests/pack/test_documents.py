@@ -212,7 +212,7 @@ def test_response_of_the_sensors_is_that_of_their_output_filter() -> None:
 def test_tremor_filters_put_the_tone_where_it_will_be(monkeypatch) -> None:
     """The filter that hears the position looks ahead, so the tone it puts out is not late."""
     chosen = {"tremor_filter": tremor_canceller.FORECASTER}
-    monkeypatch.setattr(reference, "Runner", partial(Runner, parameters=chosen))
+    monkeypatch.setattr(response, "Runner", partial(Runner, parameters=chosen))
 
     def reach(scalar: Scalar) -> float:
         return reference.reach(scalar) if scalar.name.startswith("tip_displacement") else 0.0

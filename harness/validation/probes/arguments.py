@@ -182,7 +182,7 @@ def _bad_uri(host: Host) -> Iterator[str]:
 def _provoke(host: Host, slave: Slave) -> None:
     """Make an FMU talk: refused steps, unknown references, a call out of turn."""
     slave.call("fmi2DoStep", host.begin, -host.step, 1)
-    for variable in host.variables("Real", causality="input")[:1]:
+    for variable in host.inputs[:1]:
         slave.set_to(variable, math.nan)
     slave.call("fmi2ExitInitializationMode")
 

@@ -12,6 +12,7 @@ import math
 import struct
 from collections.abc import Sequence
 from ctypes import CFUNCTYPE, c_char_p, c_double, c_int, c_size_t, c_uint, c_void_p
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -127,6 +128,20 @@ class Host:
             and all(v[key] == value for key, value in wanted.items())
         ]
 
+    @cached_property
+    def inputs(self) -> list[dict[str, Any]]:
+        """Real inputs."""
+        return self.variables("Real", causality="input")
+
+    @cached_property
+    def readable(self) -> dict[str, list[int]]:
+        """Value references that are compared after each step, by type."""
+        computed = ("output", "local", "calculatedParameter")
+        return {
+            kind: [v["reference"] for v in self.variables(kind) if v["causality"] in computed]
+            for kind in ("Real", "Integer", "Boolean")
+        }
+
     @property
     def step(self) -> float:
         """Communication step [s]."""
@@ -213,10 +228,7 @@ class Slave:
         if not self.component:
             raise Failure(f"fmi2Instantiate returned NULL{host.said()}")
         self._readable = {
-            kind: _Buffer(
-                kind, [v["reference"] for v in host.facts["variables"] if _readable(v, kind)]
-            )
-            for kind in ("Real", "Integer", "Boolean")
+            kind: _Buffer(kind, references) for kind, references in host.readable.items()
         }
 
     @staticmethod
@@ -271,7 +283,7 @@ class Slave:
 
     def stimulate(self, k: int) -> None:
         """Give every Real input its value of step `k`: close to its start, within its limits."""
-        for i, v in enumerate(self.host.variables("Real", causality="input")):
+        for i, v in enumerate(self.host.inputs):
             self.need("fmi2SetReal", *reals(v, near_start(v, math.sin(0.1 * k + i))))
 
     def run(self, first: int, count: int, start: float | None = None) -> list[Bits]:
@@ -361,12 +373,6 @@ def compare(left: Sequence[Bits], right: Sequence[Bits], what: str) -> list[str]
         if one != other:
             return [f"{what}: not the same from step {k + 1} of {len(left)} on"]
     return []
-
-
-def _readable(variable: dict[str, Any], kind: str) -> bool:
-    return variable["type"] == kind and variable["causality"] in {
-        *("output", "local", "calculatedParameter")
-    }
 
 
 def _libc() -> Any:

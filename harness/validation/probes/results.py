@@ -29,7 +29,7 @@ _AGREE = 1e-4
 def _derivatives(host: Host) -> Iterator[str]:
     if not host.facts["has_derivatives"]:
         raise Skip("providesDirectionalDerivative is false")
-    inputs = host.variables("Real", causality="input")
+    inputs = host.inputs
     outputs = host.variables("Real", causality="output")
     if not inputs or not outputs:
         raise Skip("needs a Real input and a Real output")

@@ -64,7 +64,7 @@ class _Calls:
 
     def __init__(self, host: Host) -> None:
         self._host = host
-        inputs = host.variables("Real", causality="input")
+        inputs = host.inputs
         outputs = host.variables("Real", causality="output")
         self.input = inputs[0] if inputs else None
         self.output = outputs[0] if outputs else None
@@ -247,7 +247,7 @@ def _reset_after_error(host: Host) -> Iterator[str]:
     host.doing("fmi2DoStep with a negative step")
     if slave.call("fmi2DoStep", host.begin + 3 * host.step, -1.0, 1) == FATAL:
         raise Skip("a negative step is answered by Fatal")
-    for variable in host.variables("Real", causality="input")[:1]:
+    for variable in host.inputs[:1]:
         slave.set_to(variable, math.inf)
     yield from _again(slave, reference, "after an error")
 

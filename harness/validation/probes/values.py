@@ -84,7 +84,7 @@ def _computed(host: Host) -> Iterator[str]:
 
 @PROBES.check("D6.atomic", "warning", "a set that is refused in part changes nothing")
 def _atomic(host: Host) -> Iterator[str]:
-    inputs = host.variables("Real", causality="input")
+    inputs = host.inputs
     if not inputs:
         raise Skip("there is no Real input")
     slave = _fresh(host)
@@ -114,7 +114,7 @@ def _other(variable: dict[str, Any], value: float) -> float:
 
 def _bad_input(host: Host, bad: float) -> Iterator[str]:
     """Each input in turn gets the bad value; the outputs have to stay sound."""
-    inputs = host.variables("Real", causality="input")
+    inputs = host.inputs
     if not inputs:
         raise Skip("there is no Real input")
     reference = host.reference_run()
