@@ -32,7 +32,9 @@ __all__ = [
     "REPORT",
     "Column",
     "Recorder",
+    "is_finished",
     "read_facts",
+    "read_schema",
     "read_table",
     "reason",
     "record_file",
@@ -366,20 +368,44 @@ def record_file(path: Path) -> Path:
     )
 
 
-def read_table(file: Path) -> pa.Table:
+def is_finished(file: Path) -> bool:
+    """Whether a record is one that does not grow any more."""
+    return file.suffix == Path(PARQUET).suffix
+
+
+def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a record of either format.
+
+    Args:
+        file: the record.
+        columns: only these; all by default.
 
     Raises:
         SteadytipError: it is not one.
     """
     try:
-        if file.suffix == Path(PARQUET).suffix:
+        if is_finished(file):
             # Not `parquet.read_table`: it looks for data sets of many files, and loads Pandas.
             with parquet.ParquetFile(file) as whole:
-                return whole.read()
+                return whole.read(columns)
+        table = pa.Table.from_batches(_batches(file), read_schema(file))
+        return table if columns is None else table.select(columns)
+    except (pa.ArrowException, OSError) as error:
+        raise SteadytipError(f"{file} is not a record of a run: {error}") from None
+
+
+def read_schema(file: Path) -> pa.Schema:
+    """Names, types and units of a record's columns, and about the run; see `read_facts`.
+
+    Raises:
+        SteadytipError: it is not a record.
+    """
+    try:
+        if is_finished(file):
+            with parquet.ParquetFile(file) as whole:
+                return whole.schema_arrow
         with pa.OSFile(str(file), "rb") as source:
-            schema = pa.ipc.open_stream(source).schema
-        return pa.Table.from_batches(_batches(file), schema)
+            return pa.ipc.open_stream(source).schema
     except (pa.ArrowException, OSError) as error:
         raise SteadytipError(f"{file} is not a record of a run: {error}") from None
 
@@ -401,7 +427,7 @@ def _piece(chunk: pa.Array, kind: PortType) -> NDArray[Any]:
     return np.frombuffer(chunk.buffers()[1], _NUMPY[kind], count=last)[first:]
 
 
-def read_facts(table: pa.Table) -> dict[str, Any]:
-    """The JSON object about the run; empty if the table is not from a run."""
-    metadata = table.schema.metadata or {}
+def read_facts(schema: pa.Schema) -> dict[str, Any]:
+    """The JSON object about the run; empty if the schema is not of a run's record."""
+    metadata = schema.metadata or {}
     return dict(json.loads(metadata.get(_FACTS, b"{}")))

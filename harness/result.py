@@ -15,7 +15,9 @@ from harness.errors import SteadytipError, nearest
 from harness.record import (
     METRICS,
     REPORT,
+    is_finished,
     read_facts,
+    read_schema,
     read_table,
     record_file,
     replacing,
@@ -64,7 +66,7 @@ class Result:
     """
 
     def __init__(self, file: Path) -> None:
-        """Refer to a record; it is read on first use."""
+        """Refer to a record; of its signals, those are read that are asked for."""
         self.file = file
         self.path = file.parent
 
@@ -74,9 +76,13 @@ class Result:
         return read_table(self.file)
 
     @cached_property
+    def _schema(self) -> pa.Schema:
+        return read_schema(self.file)
+
+    @cached_property
     def facts(self) -> Mapping[str, Any]:
         """About the run: scenario, roles, parts with their FMUs, seeds, versions, how it ended."""
-        return read_facts(self.table)
+        return read_facts(self._schema)
 
     @property
     def error(self) -> str | None:
@@ -87,19 +93,18 @@ class Result:
     def units(self) -> dict[str, str]:
         """Unit of each column."""
         return {
-            field.name: (field.metadata or {}).get(b"unit", b"").decode()
-            for field in self.table.schema
+            field.name: (field.metadata or {}).get(b"unit", b"").decode() for field in self._schema
         }
 
     @cached_property
     def time(self) -> FloatArray:
         """(n,) instants of the samples [s]."""
-        return values_of(self.table.column("time"))
+        return self._columns(["time"])[:, 0]
 
     @property
     def columns(self) -> Sequence[str]:
         """Names of all columns."""
-        return list(self.table.column_names)
+        return list(self._schema.names)
 
     def signals(self, name: str) -> FloatArray:
         """Signals by name.
@@ -113,7 +118,7 @@ class Result:
         Raises:
             SteadytipError: nothing is called so.
         """
-        columns = self.table.column_names
+        columns = self._schema.names
         names = matching(columns, name)
         if not names:
             raise SteadytipError(f"{self.file} has no signal '{name}'; {nearest(name, columns)}")
@@ -125,8 +130,13 @@ class Result:
         names = self.facts.get("roles", {}).get(role)
         return self._columns(names) if names else None
 
-    def _columns(self, names: Any) -> FloatArray:
-        return np.column_stack([values_of(self.table.column(n)).astype(float) for n in names])
+    def _columns(self, names: Sequence[str]) -> FloatArray:
+        # A record that still grows is read once: all signals are of the same ticks.
+        table = read_table(self.file, names) if is_finished(self.file) else self.table
+        values = np.empty((len(table), len(names)))
+        for k, name in enumerate(names):
+            values[:, k] = values_of(table.column(name))
+        return values
 
     @cached_property
     def metrics(self) -> Mapping[str, Metric]:

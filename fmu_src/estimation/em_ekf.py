@@ -55,7 +55,8 @@ import numpy as np
 
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.estimation import triad
-from fmu_src.estimation.error_state import NOTHING, Extended, Space, chosen
+from fmu_src.estimation.error_space import Space
+from fmu_src.estimation.error_state import NOTHING, Extended, chosen
 from fmu_src.kit import (
     Inputs,
     Model,

@@ -38,9 +38,16 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import rotations
-from fmu_src.kit.errors import SteadytipError
-from fmu_src.kit.records import Field, Record
+from fmu_src.estimation.error_space import (
+    Moved,
+    Process,
+    Residual,
+    Space,
+    at_zero,
+    bends,
+    slope,
+    variables,
+)
 
 MEANS = 3
 """Rounds of the mean of rotations; errors of a radian are exact to rounding after three."""
@@ -50,110 +57,6 @@ BLOCK = 8
 """Columns of Cholesky's factor that are found at once."""
 SMALLEST = 1e-30
 """Pivot of Cholesky's factor, below which a direction has no variance."""
-
-Process = Callable[[Any, Any], Record]
-Residual = Callable[[Any, Any], Any]
-
-
-class Space:
-    """What a nominal state is made of, and how errors move it.
-
-    Args:
-        record: of the state; its fields are stacked in their order.
-        rotations: names of the fields that are unit quaternions, (4,).
-    """
-
-    def __init__(self, record: type[Record], *rotations: str) -> None:
-        self.record = record
-        self.parts: list[tuple[slice, slice, bool]] = []
-        self.places: dict[str, slice] = {}
-        at = error_at = 0
-        for name, field in record.fields.items():
-            assert isinstance(field, Field), "nominal states are flat"
-            turns = name in rotations
-            size = 3 if turns else field.size
-            whole, part = slice(at, at + field.size), slice(error_at, error_at + size)
-            self.parts.append((whole, part, turns))
-            self.places[name] = part
-            at, error_at = whole.stop, part.stop
-        self.size, self.error_size = at, error_at
-
-    def moved(self, x: Any, e: Any) -> Any:
-        """State x + e moved by an error, (N,); likewise of the first fields alone.
-
-        Quaternions keep their length but for rounding, see `scaled`.
-        """
-        return ca.vertcat(
-            *(
-                rotations.multiply(x[whole], rotations.from_rotation_vector(e[part]))
-                if turns
-                else x[whole] + e[part]
-                for whole, part, turns in self._first(x)
-            )
-        )
-
-    def scaled(self, x: Any) -> Any:
-        """State with its quaternions of unit length, (N,); likewise of the first fields alone."""
-        return ca.vertcat(
-            *(
-                rotations.normalize(x[whole]) if turns else x[whole]
-                for whole, _, turns in self._first(x)
-            )
-        )
-
-    def _first(self, x: Any) -> list[tuple[slice, slice, bool]]:
-        """Parts of a state that may have the first fields alone."""
-        return [part for part in self.parts if part[0].start < x.shape[0]]
-
-    def error(self, x: Any, y: Any) -> Any:
-        """Error y - x from one state to another, (n,); likewise of the first fields alone."""
-        return ca.vertcat(
-            *(
-                rotations.to_rotation_vector(
-                    rotations.multiply(rotations.conjugate(x[whole]), y[whole])
-                )
-                if turns
-                else y[whole] - x[whole]
-                for whole, _, turns in self._first(x)
-            )
-        )
-
-    def error_after(self, point: Any, after: Any, near: Any, moved: Any, e: Any) -> Any:
-        """Error after a process, (n,), to the first order: for its Jacobian, short in C.
-
-        Args:
-            point: state before the process.
-            after: state after it.
-            near: point + e.
-            moved: what the process makes of that.
-            e: error before, (n,); still that of fields which the process leaves alone.
-        """
-        parts = []
-        for whole, part, turns in self.parts:
-            alone = ca.is_equal(after[whole], point[whole], 1)
-            if alone and ca.is_equal(moved[whole], near[whole], 1):
-                parts.append(e[part])
-            elif turns:
-                turned = rotations.multiply(rotations.conjugate(after[whole]), moved[whole])
-                parts.append(2 * turned[1:])
-            else:
-                parts.append(moved[whole] - after[whole])
-        return ca.vertcat(*parts)
-
-    def diagonal(self, **values: Any) -> Any:
-        """(n,) from a value, or one for each element, of some fields; zero for all others.
-
-        Raises:
-            SteadytipError: no field is called so.
-        """
-        pieces = []
-        for name, place in self.places.items():
-            value, size = values.pop(name, 0), place.stop - place.start
-            column = isinstance(value, ca.SX | ca.MX | ca.DM) and value.numel() == size
-            pieces.append(value if column else ca.repmat(value, size, 1))
-        if values:
-            raise SteadytipError(f"{self.record.__qualname__} has no field '{next(iter(values))}'")
-        return ca.vertcat(*pieces)
 
 
 class Corrected(NamedTuple):
@@ -173,21 +76,19 @@ class Extended:
 
     def predict(self, process: Process, x: Any, u: Any, P: Any, Q: Any) -> tuple[Any, Any]:
         """State and covariance after the process."""
-        space = self.space
-        point, known, e = _symbols(space, u)
-        after = process(space.record.unpack(point), known).pack()
-        near = space.moved(point, e)
-        moved = process(space.record.unpack(near), known).pack()
-        F = slope(space.error_after(point, after, near, moved, e), e)
-        results = [space.scaled(after), F]
-        function = ca.Function("transition", [point, known], results, {"cse": True})
-        x, F = function(x, u)
-        return x, _symmetric(F @ P @ F.T + Q)
+        part = Moved(self.space, process, u)
+        small, center = part.small, part.small.stacked(part.alone)
+        F = slope(small.nearly(center, part.after(part.e)), part.e)
+        results = [small.scaled(center), ca.densify(F.T)]
+        center, F = ca.Function("transition", part.symbols, results, {"cse": True})(x, u)
+        across = P @ F
+        after, P = part.together(x, u, center, P, across, _symmetric(F.T @ across))
+        return after, _plus(P, Q)
 
     def correct(
         self, residual: Residual, x: Any, u: Any, P: Any, R: Any, gate: Any = np.inf
     ) -> Corrected:
-        """Take in a measurement; the covariance in Joseph's form.
+        """Take in a measurement; the covariance in Joseph's form, A P A^T + K R K^T, A = 1 - K H.
 
         Args:
             residual: measured minus predicted, (m,).
@@ -198,10 +99,10 @@ class Extended:
             gate: nu for each degree of freedom, beyond which R is widened.
         """
         space = self.space
-        point, known, e = _symbols(space, u)
+        point, known, e = variables(space, u)
         r = residual(space.record.unpack(space.moved(point, e)), known)
         H = -slope(r, e)
-        found = [ca.substitute(r, e, ca.DM.zeros(space.error_size)), H]
+        found = [at_zero(r, e), H]
         function = ca.Function("measure", [point, known], found, {"cse": True})
         r, H = function(x, u)
         gain = H @ P
@@ -210,8 +111,8 @@ class Extended:
         extra = _widening(squared, r, gate)
         K = solved.T / (1 + extra)
         R = R + extra * S
-        A = ca.DM.eye(space.error_size) - K @ H
-        P = A @ P @ A.T + K @ R @ K.T
+        P = P - K @ gain
+        P = P - (P @ H.T) @ K.T + K @ R @ K.T
         return Corrected(_moved(space, x, K @ r), _symmetric(P), r, squared)
 
 
@@ -230,75 +131,130 @@ class Unscented:
     ) -> None:
         self.space = space
         n = space.error_size
-        spread = alpha**2 * (n + kappa)
-        self.scale = float(np.sqrt(spread))
-        mean = np.full(2 * n + 1, 0.5 / spread)
-        mean[0] = 1 - n / spread
-        covariance = mean.copy()
-        covariance[0] += 1 - alpha**2 + beta
-        self.mean, self.covariance = ca.DM(mean), ca.DM(covariance)
-
-    def _errors(self, P: Any) -> Any:
-        """Of the sigma points, (n, 2 n + 1)."""
-        L = self.scale * root(P)
-        return ca.horzcat(ca.DM.zeros(self.space.error_size), L, -L)
+        self.scale = alpha * float(np.sqrt(n + kappa))
+        self.extra = 1 - alpha**2 + beta
 
     def predict(self, process: Process, x: Any, u: Any, P: Any, Q: Any) -> tuple[Any, Any]:
         """State and covariance after the process.
 
-        Points go through it for the part that it moves. Errors of the rest are only scaled, and so
-        are their covariances, exactly; put that part of a state last.
+        Points go through it for the fields that it moves. Errors of the others are only scaled, and
+        so are their covariances, exactly.
         """
-        space = self.space
-        point, known, e = _symbols(space, u)
-        whole, part, scales = _moved_part(space, process, point, known, e)
-        after = process(space.record.unpack(space.moved(point, e)), known).pack()
-        through = ca.Function("through", [point, known, e], [after[:whole]], {"cse": True})
-        errors = self._errors(P)
-        count = errors.shape[1]
-        points = _each(through, count, [0, 1])(x, u, errors)
+        part = Moved(self.space, process, u)
+        small, center = part.small, part.small.stacked(part.alone)
+        error = small.error(center, part.after(part.e))
+        points = _Points(error, part.e, P, part.symbols, (x, u))
+        images = points.images("through", part.after(points.errors), self.scale)
 
         # Mean of the part that moves; the others' is where the process takes the state itself.
-        center, other = ca.SX.sym("center", whole), ca.SX.sym("other", whole)
-        error = space.error(center, other)
-        moved = space.scaled(space.moved(center, e[:part]))
-        apart = ca.Function("apart", [center, other], [error], {"cse": True})
-        apart = _each(apart, count, [0])
-        to = ca.Function("to", [center, e[:part]], [moved], {"cse": True})
-        mean = points[:, 0]
+        about, other = ca.SX.sym("about", small.size), ca.SX.sym("other", small.size)
+        e = ca.SX.sym("e", small.error_size)
+        apart = ca.Function("apart", [about, other], [small.error(about, other)], {"cse": True})
+        apart = apart.map("each_apart", "serial", images.shape[1], [0], [])
+        to = ca.Function("to", [about, e], [small.scaled(small.moved(about, e))], {"cse": True})
+        mean = images[:, 0]
         for _ in range(MEANS):
-            mean = to(mean, apart(mean, points) @ self.mean)
-        weighted = apart(mean, points) * ca.repmat(self.covariance.T, part, 1)
-        alone = process(space.record.unpack(point), known).pack()[whole:]
-        rest = ca.Function("rest", [point, known], [alone, scales], {"cse": True})
-        rest_after, scale = rest(x, u)
-
-        spread = weighted @ apart(mean, points).T
-        if part < space.error_size:
-            across = weighted @ errors[part:, :].T * ca.repmat(scale.T, part, 1)
-            left = P[part:, part:] * (scale @ scale.T)
-            spread = ca.vertcat(ca.horzcat(spread, across), ca.horzcat(across.T, left))
-        return ca.vertcat(mean, rest_after), _symmetric(spread + Q)
+            mean = to(mean, self._mean(apart(mean, images)))
+        own, across = self._covariance(apart(mean, images), points)
+        after, P = part.together(x, u, mean, P, across, own)
+        return after, _plus(P, Q)
 
     def correct(
         self, residual: Residual, x: Any, u: Any, P: Any, R: Any, gate: Any = np.inf
     ) -> Corrected:
         """Take in a measurement; arguments as those of `Extended.correct`."""
         space = self.space
-        point, known, e = _symbols(space, u)
-        r = residual(space.record.unpack(space.moved(point, e)), known)
-        function = ca.Function("measure", [point, known, e], [r], {"cse": True})
-        errors = self._errors(P)
-        residuals = _each(function, errors.shape[1], [0, 1])(x, u, errors)
-        r = residuals @ self.mean
-        apart = ca.repmat(r, 1, errors.shape[1]) - residuals  # predicted minus their mean
-        weighted = apart * ca.repmat(self.covariance.T, apart.shape[0], 1)
-        S = weighted @ apart.T + R
-        gain = weighted @ errors.T
-        solved, squared = _solved(S, gain, r)
+        point, known, e = variables(space, u)
+
+        def left(e: Any) -> Any:
+            return residual(space.record.unpack(space.moved(point, e)), known)
+
+        points = _Points(left(e), e, P, [point, known], (x, u))
+        images = points.images("measure", left(points.errors), self.scale)
+        r = self._mean(images)
+        spread, across = self._covariance(images - ca.repmat(r, 1, images.shape[1]), points)
+        S = spread + R
+        solved, squared = _solved(S, -across.T, r)
         wider = 1 + _widening(squared, r, gate)
         S, K = wider * S, solved.T / wider
         return Corrected(_moved(space, x, K @ r), _symmetric(P - K @ S @ K.T), r, squared)
+
+    def _mean(self, images: Any) -> Any:
+        """Of all points, from the images of those that were taken, (m, 1)."""
+        each = 0.5 / self.scale**2
+        count = images.shape[1] - 1
+        return (1 - count * each) * images[:, 0] + each * ca.sum2(images[:, 1:])
+
+    def _covariance(self, apart: Any, points: "_Points") -> tuple[Any, Any]:
+        """Of the images, (m, m), and between the errors of the state and them, (n, m).
+
+        Args:
+            apart: images less their mean, (m, 1 + 2 bent).
+            points: that they are of.
+        """
+        each = 0.5 / self.scale**2
+        count = (apart.shape[1] - 1) // 2
+        center, ahead, behind = ca.horzsplit(apart, [0, 1, 1 + count, 1 + 2 * count])
+        slopes = ca.horzcat((ahead - behind) * (0.5 / self.scale), points.straight)
+        straight, pairs = points.straight, apart[:, 1:]
+        own = each * (pairs @ pairs.T) + straight @ straight.T
+        own += (1 - 2 * count * each + self.extra) * (center @ center.T)
+        return _symmetric(own), (points.root @ slopes.T)[points.back, :]
+
+
+class _Points:
+    """Sigma points of a covariance, as far as a function of the errors needs them.
+
+    Cholesky's factor has its columns in an order of our choice. First come the errors that `bend`
+    the function, then those in which it is straight while the first ones are zero, then those that
+    it does not depend on. A column has zeros above its diagonal, so that points along the second
+    kind lie on a line, whose slope is known, and points along the third are all at the center. Only
+    points along the first kind go through the function; the moments are those of all.
+
+    Attributes:
+        errors: (n,) expression of the errors that act, for the function.
+        root: L (n, acting), rows in that order.
+        back: where each error stands in it.
+        straight: slope of the function times L, (m, straight).
+    """
+
+    def __init__(self, value: Any, e: Any, P: Any, given: list[Any], arguments: Any) -> None:
+        """Find the order, and the root.
+
+        Args:
+            value: of the function, (m,), zero or not at e = 0.
+            e: errors (n,).
+            P: their covariance.
+            given: what else `value` is made of.
+            arguments: the same in the filter.
+        """
+        J = ca.jacobian(value, e)
+        bent, straight = bends(J, e)
+        acting = bent + straight
+        order = acting + [i for i in range(e.numel()) if i not in acting]
+        self.back = list(np.argsort(order))
+        self.root = root(P[order, order], len(acting))
+        self._bent, self._given, self._arguments = len(bent), given, arguments
+        self._acting = ca.SX.sym("acting", len(acting))
+        self.errors = ca.SX.zeros(e.numel())
+        self.errors[acting] = self._acting
+        along = ca.densify(at_zero(J[:, straight], e))
+        along = ca.Function("along", given, [along], {"cse": True})(*arguments)
+        self.straight = along @ self.root[len(bent) : len(acting), len(bent) :]
+
+    def images(self, name: str, value: Any, scale: float) -> Any:
+        """(N, 1 + 2 bent) of the center, and of the points ahead and behind along bent errors.
+
+        Args:
+            name: of the function in C.
+            value: of the function at `errors`.
+            scale: g.
+        """
+        function = ca.Function(name, [*self._given, self._acting], [value], {"cse": True})
+        far = scale * self.root[: self._acting.numel(), : self._bent]
+        errors = ca.horzcat(ca.DM.zeros(self._acting.numel()), far, -far)
+        each = function.map(f"each_{name}", "serial", errors.shape[1], [0, 1], [])
+        return each(*self._arguments, errors)
 
 
 Filter = Extended | Unscented
@@ -309,19 +265,18 @@ def deviation(variance: Any) -> Any:
     return ca.sqrt(ca.fmax(variance, 0) + NOTHING)
 
 
-def root(P: Any) -> Any:
-    """Lower triangular L with L L^T = P, (n, n): Cholesky's, by blocks.
+def root(P: Any, count: int) -> Any:
+    """First columns of the lower triangular L with L L^T = P, (n, count): Cholesky's, by blocks.
 
     A direction without variance gives a column of zeros, so P may be singular.
     """
-    n, left, columns = P.shape[0], P, []
-    for start in range(0, n, BLOCK):
-        size = min(BLOCK, n - start)
-        L, inverse = _small_root(size)(left[:size, :size])
-        below = left[size:, :size] @ inverse.T
-        columns.append(ca.vertcat(ca.DM.zeros(start, size), L, below))
-        left = left[size:, size:] - below @ below.T
-    return ca.horzcat(*columns)
+    L = ca.MX(ca.DM.zeros(P.shape[0], count))
+    for start in range(0, count, BLOCK):
+        stop = min(start + BLOCK, count)
+        left = P[start:, start:stop] - L[start:, :start] @ L[start:stop, :start].T
+        L[start:stop, start:stop], inverse = _small_root(stop - start)(left[: stop - start, :])
+        L[stop:, start:stop] = left[stop - start :, :] @ inverse.T
+    return L
 
 
 @cache
@@ -353,7 +308,7 @@ def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: An
         function: of matrices, giving a tuple.
         values: what it is called with.
     """
-    symbols = [ca.MX.sym(f"v{i}", *value.shape) for i, value in enumerate(map(ca.MX, values))]
+    symbols = [ca.MX.sym(f"v{i}", value.sparsity()) for i, value in enumerate(map(ca.MX, values))]
     results = [ca.densify(result) for result in function(*symbols)]
     recorded = ca.Function("taken", symbols, results)
     kept: list[Any] = [
@@ -364,7 +319,7 @@ def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: An
         "passed",
         symbols,
         [
-            ca.MX(ca.DM.zeros(*result.shape)) if symbol is None else symbol
+            ca.MX(ca.DM.zeros(*result.shape)) if symbol is None else ca.densify(symbol)
             for symbol, result in zip(kept, results, strict=True)
         ],
     )
@@ -372,55 +327,18 @@ def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: An
     return list(switch.call([ca.MX(condition), *map(ca.MX, values)], False, True))
 
 
-def _symbols(space: Space, u: Any) -> tuple[Any, Any, Any]:
-    return (
-        ca.SX.sym("x", space.size),
-        ca.SX.sym("u", *u.shape),
-        ca.SX.sym("e", space.error_size),
-    )
-
-
-def _moved_part(
-    space: Space, process: Process, point: Any, known: Any, e: Any
-) -> tuple[int, int, Any]:
-    """What of a state the process moves by more than a factor: its first fields.
-
-    Returns:
-        Size of that part in the state and in the error, and the factors of the other errors.
-    """
-    x = space.record.unpack(space.moved(point, e))
-    after = process(x, known)
-    whole = part = 0
-    factors: list[Any] = []
-    for (name, place), (full, _, turns) in zip(space.places.items(), space.parts, strict=True):
-        size = place.stop - place.start
-        before, now = getattr(x, name), getattr(after, name)
-        if now is before:
-            factors.append(ca.DM.ones(size))
-            continue
-        J = ca.jacobian(ca.vec(now), e)
-        own = ca.diag(J[:, place.start : place.stop]) if not turns else None
-        if own is None or J.nnz() > own.nnz() or ca.depends_on(own, e):
-            whole, part, factors = full.stop, place.stop, []
-        else:
-            factors.append(own)
-    return whole, part, ca.vertcat(*factors)
-
-
-def slope(expression: Any, e: Any) -> Any:
-    """Jacobian of an expression by an error e, at zero error."""
-    return ca.simplify(ca.substitute(ca.jacobian(expression, e), e, ca.DM.zeros(*e.shape)))
-
-
-def _each(function: ca.Function, count: int, held: list[int]) -> ca.Function:
-    """The function over `count` columns of its arguments but those that are held."""
-    return function.map(f"each_{function.name()}", "serial", count, held, [])
-
-
 def _moved(space: Space, x: Any, e: Any) -> Any:
     point, error = ca.SX.sym("x", space.size), ca.SX.sym("e", space.error_size)
     moved = space.scaled(space.moved(point, error))
     return ca.Function("moved", [point, error], [moved], {"cse": True})(x, e)
+
+
+def _plus(P: Any, Q: Any) -> Any:
+    """Sum, of which only what is not zero in Q is added."""
+    total, Q = ca.MX(P), ca.MX(Q)
+    places = Q.sparsity().find()
+    total.nz[places] = total.nz[places] + Q.nz[:]
+    return total
 
 
 def _symmetric(P: Any) -> Any:

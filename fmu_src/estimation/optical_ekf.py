@@ -33,7 +33,8 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.error_state import Extended, Space, chosen, deviation
+from fmu_src.estimation.error_space import Space
+from fmu_src.estimation.error_state import Extended, chosen, deviation
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real, rotations
 
 

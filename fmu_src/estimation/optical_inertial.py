@@ -41,7 +41,8 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.error_state import Filter, Space, chosen, deviation, slope
+from fmu_src.estimation.error_space import Space, slope
+from fmu_src.estimation.error_state import Filter, chosen, deviation
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
 
 SAMPLE_PERIOD = 1e-3
@@ -57,18 +58,18 @@ POSE, MARKER = 6, 3 * MARKERS
 
 
 class Nominal(State):
-    """State of the filter; what the process moves comes first."""
+    """State of the filter; what bends the process comes first, then what else it depends on."""
 
     attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
-    position = real("m", "p in W", shape=3)
-    velocity = real("m/s", "v in W", shape=3)
     rate_bias = real("rad/s", "b_g", shape=3)
-    force_bias = real("m/s2", "b_a", shape=3)
     rate_matrix = real(None, "M_g", shape=(3, 3))
-    force_matrix = real(None, "M_a", shape=(3, 3))
-    gravity = real("m/s2", "G in W", shape=3)
     rate_lag = real("s", "t_g")
     force_lag = real("s", "t_a")
+    position = real("m", "p in W", shape=3)
+    velocity = real("m/s", "v in W", shape=3)
+    force_bias = real("m/s2", "b_a", shape=3)
+    force_matrix = real(None, "M_a", shape=(3, 3))
+    gravity = real("m/s2", "G in W", shape=3)
     lever = real("m", "l in B", shape=3)
     mounting = real(None, "m, q_BO", shape=4, start=(1, 0, 0, 0))
     position_offset = real("m", "o_p in W", shape=3)
@@ -495,7 +496,7 @@ def make(name: str, method: Filter) -> Model:
 
         state = Nominal.unpack(nominal)
         q_now, p_now, v_now, w_now, J = _now()(nominal, sensed, pending)
-        of_pose = deviation(ca.sum2((J @ P) * J))
+        of_pose = deviation(ca.sum1((P @ J) * J).T)
         of_state = deviation(ca.diag(P))
         part = {name: of_state[place] for name, place in SPACE.places.items()}
         known_well = ca.logic_and(
@@ -631,7 +632,7 @@ def _now() -> ca.Function:
     """(state, sample, time since it) -> pose of this instant, and how errors of a state change it.
 
     Results: q_WO, position and velocity of the tracked body, w; slope of the errors of the first
-    three, attitude in O, (9, n).
+    three, attitude in O, transposed, (n, 9).
     """
     x, sensed, pending = ca.SX.sym("x", SPACE.size), ca.SX.sym("sensed", 6), ca.SX.sym("pending")
     e = ca.SX.sym("e", SPACE.error_size)
@@ -641,5 +642,5 @@ def _now() -> ca.Function:
     turned = rotations.multiply(rotations.conjugate(here[0]), there[0])
     apart = ca.vertcat(rotations.to_rotation_vector(turned), *there[1:])
     rate, _ = rate_and_force(state, sensed)
-    results = [rotations.canonical(here[0]), *here[1:], rate, slope(apart, e)]
+    results = [rotations.canonical(here[0]), *here[1:], rate, ca.densify(slope(apart, e).T)]
     return ca.Function("now", [x, sensed, pending], results, {"cse": True})

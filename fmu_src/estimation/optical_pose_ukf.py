@@ -37,7 +37,8 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.error_state import Space, Unscented, chosen, deviation
+from fmu_src.estimation.error_space import Space
+from fmu_src.estimation.error_state import Unscented, chosen, deviation
 from fmu_src.estimation.optical_inertial import LONG, OPEN, POSE, arrived
 from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
 

@@ -24,12 +24,35 @@ _EXTREME = re.compile(r"return (?:fmin|(fmax))\(x, y\);")
 # Values of two arrays that are never the same.
 _LOOP = "for (i=0; i<n; ++i) *y++ = *x++;"
 _BLOCK = "(void)i; memcpy(y, x, (size_t)n * sizeof *y);"
+_PRODUCT = re.compile(
+    r"^void casadi_mtimes_dense\(.*?(^ +for \(j=0; j<nrow_x; \+\+j\) \{\n.*?^      \}\n)",
+    re.M | re.S,
+)
+_ROWS = """\
+static inline void casadi_rows(const casadi_real* x, casadi_int nrow, casadi_int ncol,
+    const casadi_real* y, casadi_real* z, const casadi_int count) {
+  casadi_real sums[8];
+  casadi_int j, k;
+  for (j=0; j<count; ++j) sums[j] = z[j];
+  for (k=0; k<ncol; ++k)
+    for (j=0; j<count; ++j) sums[j] += x[j + k*nrow] * y[k];
+  for (j=0; j<count; ++j) z[j] = sums[j];
+}
+
+"""
+_BY_ROWS = """\
+      j = 0;
+      for (; nrow_x-j>=8; j+=8) casadi_rows(x+j, nrow_x, ncol_x, y+i*ncol_x, z+i*nrow_x+j, 8);
+      for (; nrow_x-j>=4; j+=4) casadi_rows(x+j, nrow_x, ncol_x, y+i*ncol_x, z+i*nrow_x+j, 4);
+      for (; nrow_x-j>=1; j+=1) casadi_rows(x+j, nrow_x, ncol_x, y+i*ncol_x, z+i*nrow_x+j, 1);
+"""
 
 
 def lean(text: str) -> str:
     """The same C with fewer copies, arguments that are there and never overlap with results."""
     text = _FUNCTION.sub(lambda found: _apart(found) or _put_out(found[0]), text)
     text = _EXTREME.sub(lambda found: f"return x {'>' if found[1] else '<'} y ? x : y;", text)
+    text = _PRODUCT.sub(lambda found: _ROWS + found[0].replace(found[1], _BY_ROWS), text)
     return "#include <string.h>\n" + text.replace(_LOOP, _BLOCK)
 
 

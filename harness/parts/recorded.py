@@ -9,7 +9,7 @@ The ports are the recorded columns of that part, with their types and units; tic
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,7 +17,8 @@ import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from harness.errors import FaultError, ProblemsError, SteadytipError, nearest
-from harness.parts import FloatArray, Port, PortType, Rows, Run, Settings, unit_of
+from harness.parts import FloatArray, Port, PortType, Run, Settings, unit_of
+from harness.parts.rows import RowsPart
 from harness.record import read_table, values_of
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
@@ -30,7 +31,7 @@ class _Keys(BaseModel):
     of: Annotated[str, Field(min_length=1)] | None = None
 
 
-class RecordedPart:
+class RecordedPart(RowsPart):
     """Plays columns of a record."""
 
     def __init__(self, name: str, settings: Settings, seed: int) -> None:
@@ -53,7 +54,6 @@ class RecordedPart:
                 ],
             ) from None
         self._path = Path(keys.recorded)
-        self.inputs: Sequence[Port] = ()
         table = read_table(self._path)
         of = keys.of or name
         fields = [field for field in table.schema if field.name.startswith(f"{of}.")]
@@ -71,20 +71,12 @@ class RecordedPart:
             )
             for field in fields
         ]
-        self._values = np.column_stack(
+        self.rows = np.column_stack(
             [values_of(table.column(field.name)).astype(float) for field in fields]
         )
         self._time = values_of(table.column("time"))
         step = self._time[1] - self._time[0] if len(self._time) > 1 else np.inf
         self.seconds = float(len(self._time) * step)
-        self.kept = False
-
-    @classmethod
-    def prepare(
-        cls, settings: Mapping[str, Settings], progress: Callable[[str], None]
-    ) -> Mapping[str, Settings]:
-        """Nothing has to be prepared."""
-        return settings
 
     def start(
         self,
@@ -100,26 +92,8 @@ class RecordedPart:
             raise FaultError(
                 f"{self._path} has another step than {run.step:g} s, or gaps in its time"
             )
-        self._y = y
-        self._y[:] = self._values[0]
-
-    def advance(self, t: float, h: float) -> None:
-        """Put out the row of `t`; see `harness.parts.Part.advance`."""
-        self._y[:] = self._values[min(round(t / h), len(self._values) - 1)]
-
-    def can_pause(self) -> bool:
-        """See `harness.parts.Reusable`: what it puts out depends on the time alone."""
-        return True
-
-    def release(self) -> None:
-        """Nothing has to be freed."""
-
-    def march(self) -> Rows:
-        """See `harness.parts.Marching`."""
-        return Rows(self._values)
-
-    def close(self) -> None:
-        """Nothing has to be freed."""
+        self.y = y
+        self.y[:] = self.rows[0]
 
     def facts(self) -> dict[str, Any]:
         """File and length."""

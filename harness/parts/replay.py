@@ -7,15 +7,16 @@ any predictor behind it would look better than it is. Nothing is extrapolated ei
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from harness.errors import ProblemsError
-from harness.parts import FloatArray, Port, Rows, Run, Settings, Unit
+from harness.parts import FloatArray, Port, Run, Settings, Unit
 from harness.parts.recording import read_recording
+from harness.parts.rows import RowsPart
 
 _DEGREE = 5
 _METRE = Unit("m", (0, 1, 0, 0, 0, 0, 0, 0))
@@ -38,7 +39,7 @@ PORTS: Sequence[Port] = (
 """What a recording gives, and what a part that can be moved by one takes."""
 
 
-class ReplayPart:
+class ReplayPart(RowsPart):
     """Plays a recording, shifted so that time and position start at 0."""
 
     def __init__(self, name: str, settings: Settings, seed: int) -> None:
@@ -49,7 +50,6 @@ class ReplayPart:
             SteadytipError: the recording cannot be used.
         """
         self.name = name
-        self.inputs: Sequence[Port] = ()
         self.outputs = PORTS
         unknown = set(settings) - {"replay"}
         if unknown:
@@ -58,16 +58,8 @@ class ReplayPart:
             )
         self._recording = read_recording(Path(settings["replay"]))
         self.seconds = self._recording.seconds
-        self.kept = False
         self._evaluated = (0, 0.0)  # number of ticks, and their period
-        self._values: FloatArray = np.ones((0, len(PORTS)))
-
-    @classmethod
-    def prepare(
-        cls, settings: Mapping[str, Settings], progress: Callable[[str], None]
-    ) -> Mapping[str, Settings]:
-        """Nothing has to be prepared."""
-        return settings
+        self.rows = np.ones((0, len(PORTS)))
 
     def start(
         self,
@@ -78,36 +70,18 @@ class ReplayPart:
         y: FloatArray,
     ) -> None:
         """Evaluate the spline at all ticks of the run; see `harness.parts.Part.start`."""
-        self._y = y
+        self.y = y
         if self._evaluated == (run.steps, run.step):
-            self._y[:] = self._values[0]
+            self.y[:] = self.rows[0]
             return
         from scipy.interpolate import make_interp_spline
 
         self._evaluated = (run.steps, run.step)
         spline = make_interp_spline(self._recording.time, self._recording.position, k=_DEGREE)
         t = np.arange(run.steps) * run.step
-        self._values = np.ones((run.steps, len(PORTS)))
-        self._values[:, :-1] = np.hstack([spline(t, nu) for nu in range(len(_VECTORS))])
-        self._y[:] = self._values[0]
-
-    def advance(self, t: float, h: float) -> None:
-        """Put out the motion at `t`; see `harness.parts.Part.advance`."""
-        self._y[:] = self._values[round(t / h)]
-
-    def can_pause(self) -> bool:
-        """See `harness.parts.Reusable`: what it puts out depends on the time alone."""
-        return True
-
-    def release(self) -> None:
-        """Nothing has to be freed."""
-
-    def march(self) -> Rows:
-        """See `harness.parts.Marching`."""
-        return Rows(self._values)
-
-    def close(self) -> None:
-        """Nothing has to be freed."""
+        self.rows = np.ones((run.steps, len(PORTS)))
+        self.rows[:, :-1] = np.hstack([spline(t, nu) for nu in range(len(_VECTORS))])
+        self.y[:] = self.rows[0]
 
     def facts(self) -> dict[str, Any]:
         """File and length."""

@@ -7,7 +7,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fmu_src.estimation.error_state import Extended, Space, Unscented, chosen, root
+from fmu_src.estimation.error_space import Space
+from fmu_src.estimation.error_state import Extended, Unscented, chosen, root
 from fmu_src.kit import State, real, rotations
 from fmu_src.kit.errors import SteadytipError
 
@@ -27,7 +28,18 @@ class Turning(State):
     rate = real("rad/s", "body rate", shape=3)
 
 
-LINE, TURN = Space(Straight), Space(Turning, "attitude")
+class Flying(State):
+    """All kinds of errors: straight, scaled, bent, and without effect."""
+
+    position = real("m", "position", shape=3)
+    velocity = real("m/s", "velocity", shape=3)
+    offset = real("m", "a sensor's, fading", shape=2)
+    attitude = real(None, "q_WB", shape=4, start=(1, 0, 0, 0))
+    lever = real("m", "from where forces act to what is seen, in B", shape=3)
+    rate = real("rad/s", "body rate", shape=3)
+
+
+LINE, TURN, FLIGHT = Space(Straight), Space(Turning, "attitude"), Space(Flying, "attitude")
 T = 0.1
 vectors = st.lists(st.floats(-1.8, 1.8), min_size=3, max_size=3).map(np.array)
 """Shorter than half a turn, beyond which a rotation vector is not the shortest."""
@@ -44,6 +56,22 @@ def seen(x, u):
 def turn(x, u):
     turned = rotations.multiply(x.attitude, rotations.from_rotation_vector(T * x.rate))
     return x.replace(attitude=turned)
+
+
+def fly(x, u):
+    force = rotations.matrix(x.attitude) @ u
+    turned = rotations.multiply(x.attitude, rotations.from_rotation_vector(T * x.rate))
+    return x.replace(
+        position=x.position + T * x.velocity + T * T / 2 * force,
+        velocity=x.velocity + T * force,
+        offset=0.9 * x.offset,
+        attitude=turned,
+    )
+
+
+def sighted(x, u):
+    lever = rotations.matrix(x.attitude) @ x.lever
+    return u - x.position - lever - ca.vertcat(x.offset, 0)
 
 
 def vertical(x, u):
@@ -154,13 +182,80 @@ def test_wide_spreads_are_where_the_unscented_filter_is_better() -> None:
     assert residuals[Unscented] == pytest.approx(np.exp(-(sigma**2) / 2), abs=0.01)
 
 
+def flown(x, force):
+    """`fly` and the position that is seen, in SciPy."""
+    q = Rotation.from_quat(np.roll(x[8:12], -1))
+    a = q.apply(force)
+    p, v = x[:3] + T * x[3:6] + T * T / 2 * a, x[3:6] + T * a
+    turned = q * Rotation.from_rotvec(T * x[15:])
+    after = np.concatenate([p, v, 0.9 * x[6:8], np.roll(turned.as_quat(), 1), x[12:]])
+    return after, x[:3] + q.apply(x[12:15]) + [*x[6:8], 0]
+
+
+def flown_from(x, e):
+    """State moved by an error."""
+    q = Rotation.from_quat(np.roll(x[8:12], -1)) * Rotation.from_rotvec(e[8:11])
+    return np.concatenate([x[:8] + e[:8], np.roll(q.as_quat(), 1), x[12:] + e[11:]])
+
+
+def between(x, y):
+    """Error from a state to another."""
+    q, r = (Rotation.from_quat(np.roll(state[8:12], -1)) for state in (x, y))
+    return np.concatenate([y[:8] - x[:8], (q.inv() * r).as_rotvec(), y[12:] - x[12:]])
+
+
+@pytest.mark.parametrize("kappa", [0.0, -14.0])
+@pytest.mark.parametrize("seed", [1, 2])
+def test_points_that_are_not_taken_change_nothing(kappa, seed) -> None:
+    """All 35 sigma points, one after the other, give the same mean and covariances."""
+    method, rng = Unscented(FLIGHT, kappa=kappa), np.random.default_rng(seed)
+    n, force, z = FLIGHT.error_size, rng.normal(size=3), rng.normal(size=3)
+    q = Rotation.random(random_state=seed)
+    x = np.concatenate([rng.normal(size=8), np.roll(q.as_quat(), 1), rng.normal(size=6)])
+    P, R = 0.1 * scattered(n, seed), 0.01 * np.eye(3)
+
+    def points(*first):
+        """Those errors come first in Cholesky's factor that bend what is done with them."""
+        order = np.concatenate([np.arange(n)[list(first)], np.delete(np.arange(n), list(first))])
+        root = np.zeros((n, n))
+        root[order] = np.linalg.cholesky(P[np.ix_(order, order)])
+        far = np.sqrt(n + kappa) * root.T
+        weights = np.full(2 * n + 1, 0.5 / (n + kappa))
+        weights[0] = kappa / (n + kappa)
+        errors = np.vstack([np.zeros(n), far, -far])
+        return errors, [flown(flown_from(x, e), force) for e in errors], weights
+
+    after, P_after = numbers(
+        lambda x, P: method.predict(fly, x, ca.MX(ca.DM(force)), P, np.zeros((n, n))), x, P
+    )
+    _, images, weights = points(*range(8, 11), *range(14, 17))
+    mean = images[0][0]
+    for _ in range(3):
+        mean = flown_from(mean, weights @ [between(mean, image) for image, _ in images])
+    apart = np.array([between(mean, image) for image, _ in images])
+    np.testing.assert_allclose(between(mean, after.ravel()), 0, atol=1e-9)
+    np.testing.assert_allclose(P_after, apart.T @ (apart * weights[:, np.newaxis]), atol=1e-9)
+
+    found, P_found, r, _ = numbers(
+        lambda x, P: method.correct(sighted, x, ca.MX(ca.DM(z)), P, R), x, P
+    )
+    errors, images, weights = points(*range(8, 11))
+    seen = np.array([position for _, position in images])
+    apart = (seen - weights @ seen) * weights[:, np.newaxis]
+    S = apart.T @ (seen - weights @ seen) + R
+    K = np.linalg.solve(S, apart.T @ errors).T
+    np.testing.assert_allclose(r.ravel(), z - weights @ seen, atol=1e-9)
+    np.testing.assert_allclose(between(x, found.ravel()), K @ r.ravel(), atol=1e-8)
+    np.testing.assert_allclose(P_found, P - K @ S @ K.T, atol=1e-9)
+
+
 @given(st.integers(1, 6), st.integers(0, 5))
 @settings(max_examples=25, deadline=None)
 def test_a_root_squares_to_its_matrix_singular_or_not(size, seed) -> None:
     A = np.random.default_rng(seed).normal(size=(size, max(size - 2, 1)))
     P = A @ A.T
     P[0] = P[:, 0] = 0.0
-    (L,) = numbers(lambda P: (root(P),), P)
+    (L,) = numbers(lambda P: (root(P, size),), P)
     np.testing.assert_allclose(L @ L.T, P, atol=1e-7 * max(1.0, np.abs(P).max()))
     np.testing.assert_array_equal(L, np.tril(L))
 

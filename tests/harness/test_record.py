@@ -70,6 +70,20 @@ def test_the_stream_can_be_read_while_the_run_goes_on_and_when_it_is_cut_off(tmp
     recorder.close()
 
 
+def test_signals_are_read_as_they_are_asked_for_but_of_a_growing_record_at_once(tmp_path):
+    recorder = recorded(tmp_path, CHUNK)
+    growing = harness.read(tmp_path)
+    assert len(growing.time) == CHUNK
+    for _ in range(CHUNK):
+        recorder.append(np.zeros(3))
+    assert len(growing.signals("a.y")) == CHUNK
+    recorder.finish({})
+    whole = harness.read(tmp_path)
+    assert len(whole.signals("a.y")) == len(whole.time) == 2 * CHUNK
+    assert "table" not in vars(whole)
+    assert whole.table.num_columns == 4
+
+
 def test_a_new_run_clears_what_an_older_one_left(tmp_path):
     recorded(tmp_path, 10).finish({})
     (tmp_path / "report.html").write_text("old")

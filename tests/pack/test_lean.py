@@ -1,6 +1,14 @@
 """What is taken out of CasADi's C, and what is left."""
 
+from pathlib import Path
+
+import casadi as ca
+import numpy as np
+
+from fmu_src.pack import compiled, csource, native
 from fmu_src.pack.lean import lean
+
+CACHE = compiled.CACHE.resolve()
 
 HEAD = "(const casadi_real** arg, casadi_real** res, casadi_int* iw, casadi_real* w, int mem)"
 
@@ -49,3 +57,21 @@ def test_functions_by_elements_take_their_vectors_apart():
     assert "a0=u2[5];" in inner
     assert "if (y0!=0) y0[1]=a0;" in inner
     assert "return by_elements_apart(arg, res, iw, w, mem, arg[2], res[0]);" in outer
+
+
+def test_a_product_of_matrices_has_the_bits_of_casadi(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    sizes = (13, 7), (7, 11), (11, 3)
+    a, b, c = symbols = [ca.MX.sym(f"m{i}", *size) for i, size in enumerate(sizes)]
+    product = ca.Function("product", symbols, [a @ b @ c])
+    product.generate("product.c")
+    text = lean(Path("product.c").read_text(encoding="utf-8"))
+    assert "casadi_rows" in text
+    part = native.TARGETS[native.host()][0]
+    text = '#define CASADI_SYMBOL_EXPORT __attribute__((visibility("default")))\n' + text
+    library = Path(f"product{part.suffix}").resolve()
+    library.write_bytes(native.compile_library("product", {csource.ENTRY: text}, part, CACHE))
+    rng = np.random.default_rng(1)
+    values = [rng.normal(size=size) for size in sizes]
+    found = ca.external("product", str(library))(*values)
+    np.testing.assert_array_equal(found, product(*values))

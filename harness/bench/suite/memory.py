@@ -3,7 +3,7 @@
 Of FMUs: the first instance with its library, unpacked and begun, and what each further one adds;
 one that takes less than a page adds nothing now and then. Of runs of `closed_loop`, each with its
 record and metrics, in one process: what further runs add, what a long run adds while it ticks, and
-what is there after it, whose metrics have all signals in memory at once.
+what is there after it, with its metrics, which read the signals that they need.
 """
 
 import statistics

@@ -1,0 +1,48 @@
+"""Parts whose outputs are known before the run: a row for each tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from harness.parts import FloatArray, Port, Rows, Settings
+
+
+class RowsPart:
+    """Puts out row k at tick k, and the last one after the last; has no inputs and frees nothing.
+
+    `start` of a class below sets both attributes.
+
+    Attributes:
+        rows: (n, outputs) what is put out.
+        y: (outputs,) where the outputs go.
+    """
+
+    rows: FloatArray
+    y: FloatArray
+    inputs: Sequence[Port] = ()
+    kept = False
+
+    @classmethod
+    def prepare(
+        cls, settings: Mapping[str, Settings], progress: Callable[[str], None]
+    ) -> Mapping[str, Settings]:
+        """Nothing has to be prepared."""
+        return settings
+
+    def advance(self, t: float, h: float) -> None:
+        """Put out the row of `t`; see `harness.parts.Part.advance`."""
+        self.y[:] = self.rows[min(round(t / h), len(self.rows) - 1)]
+
+    def can_pause(self) -> bool:
+        """See `harness.parts.Reusable`: what it puts out depends on the time alone."""
+        return True
+
+    def march(self) -> Rows:
+        """See `harness.parts.Marching`."""
+        return Rows(self.rows)
+
+    def release(self) -> None:
+        """Nothing has to be freed."""
+
+    def close(self) -> None:
+        """Nothing has to be freed."""
