@@ -113,7 +113,6 @@ class _Rig:
         container: Path | None,
     ) -> None:
         self.scenario = scenario
-        self._room = tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True)
         self.made = assemble(scenario, motion, files=files)
         self.tables = {
             name: placed(scenario.parts[name], files)
@@ -123,6 +122,8 @@ class _Rig:
             if isinstance(part, FmuPart)
         }
         self.system = self.made if container is None else fuse(self.made, container=container)
+        # Last: nobody would remove it if what is above failed.
+        self._room = tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True)
         self.run = Run(scenario.step, self.made.steps, Path(self._room.name))
         facts = {
             "step": scenario.step,
