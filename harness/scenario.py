@@ -374,7 +374,7 @@ def _locate(scenario: str | os.PathLike[str], folder: Path) -> Path:
         shipped = Path(str(_SHIPPED / f"{path.name}.toml"))
         if not shipped.is_file():
             raise SteadytipError(
-                f"no scenario is called '{path.name}'; {nearest(path.name, available())} "
+                f"no scenario is called '{path.name}'; {nearest(path.name, available())}\n"
                 "A scenario of your own is given by its path, ending in .toml."
             )
         return shipped

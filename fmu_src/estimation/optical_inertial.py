@@ -488,8 +488,11 @@ def make(name: str, method: Filter) -> Model:
         )
 
         first = ca.logic_and(taken, ca.logic_not(x.started))
-        nominal = ca.if_else(first, _start(p, z), nominal)
-        P = ca.if_else(first, ca.diag(_start_variance(p)), P)
+        nominal, P = chosen(
+            first,
+            lambda _nominal, _P, start, variance: (start, ca.diag(variance)),
+            *(nominal, P, _start(p, z), _start_variance(p)),
+        )
         started = ca.logic_or(x.started, first)
         used = ca.logic_or(ca.logic_or(usable, single), first)
         unseen = ca.if_else(used, 0, x.unseen + T)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import tomllib
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -16,6 +17,8 @@ _console = Console()
 _errors = Console(stderr=True)
 _NAMED = 10
 """Runs that failed and are named; the rest is counted."""
+_LESS = ("least", "most")
+"""Columns for wide terminals; the page has them, too."""
 
 
 def sweep(
@@ -77,7 +80,7 @@ def sweep(
         with display.counting("runs") as progress:
             found = run_sweep(
                 scenario,
-                vary=dict(_said(text) for text in vary or []),
+                vary=_varied(vary or []),
                 method=method,
                 runs=runs,
                 seed=seed,
@@ -107,6 +110,18 @@ def sweep(
         raise typer.Exit(1)
 
 
+def _varied(texts: Sequence[str]) -> dict[str, Any]:
+    """All of `--vary`, by key."""
+    from harness.errors import SteadytipError
+
+    found: dict[str, Any] = {}
+    for key, values in map(_said, texts):
+        if key in found:
+            raise SteadytipError(f"--vary {key} is given twice: write all its values into one")
+        found[key] = values
+    return found
+
+
 def _said(text: str) -> tuple[str, Any]:
     """KEY=VALUES: values as TOML has them, or several with commas between."""
     from harness.errors import SteadytipError
@@ -133,11 +148,13 @@ def _summary(found: Any) -> Any:
     from harness.sweep.words import summary_rows
 
     columns, rows = summary_rows(found)
+    width = sum(max(map(len, cells)) + 2 for cells in zip(columns, *rows, strict=True)) - 2
+    shown = [k for k, name in enumerate(columns) if width <= _console.width or name not in _LESS]
     table = Table(Column(columns[0], overflow="fold"), box=None, pad_edge=False)
-    for name in columns[1:]:
-        table.add_column(name, justify="left" if name == "unit" else "right")
+    for k in shown[1:]:
+        table.add_column(columns[k], justify="left" if columns[k] == "unit" else "right")
     for row in rows:
-        table.add_row(*map(escape, row))
+        table.add_row(*(escape(row[k]) for k in shown))
     return table
 
 

@@ -9,11 +9,13 @@ from pathlib import Path
 
 import pytest
 from pyarrow import parquet
+from rich.console import Console
 from typer.testing import CliRunner
 
 import harness
 from harness.cli import app
 from harness.errors import ProblemsError, SteadytipError, StoppedError
+from harness.sweep import cli
 from harness.sweep import crew as crews
 from harness.sweep.outcome import Outcome, read
 from harness.sweep.store import JOURNAL, PARQUET
@@ -210,6 +212,22 @@ def test_the_command_varies_what_it_is_told_to(small, tmp_path):
         (a, b) for a in (1e-6, 2e-6) for b in (0.0, 5e-7, 1e-6)
     ]
     assert figures(found, 3) == alone(found, 3, tmp_path / "small.toml", tmp_path)
+
+
+def test_a_variable_is_said_once(small):
+    arguments = ["sweep", str(small()), "--vary", f"{NOISE}=1e-6", "--vary", f"{NOISE}=2e-6"]
+    result = CliRunner().invoke(app, arguments)
+    assert "is given twice: write all its values into one" in str(result.exception)
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_figures_have_a_line_each_on_any_terminal(small, tmp_path, monkeypatch, width):
+    monkeypatch.setattr(cli, "_console", Console(width=width))
+    arguments = ["sweep", str(small(GRID.replace("-1.0", "4e-6"))), "--workers", "0", "--no-page"]
+    output = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")]).output
+    assert ("most" in output) == (width > 80)
+    for name in read(tmp_path / "out").summary:
+        assert f"\n{name} " in output
 
 
 def test_a_scenario_without_a_sweep_is_told_what_to_do(small, tmp_path):
