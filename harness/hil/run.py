@@ -312,7 +312,7 @@ class _Rig:
         parts = {name: part.facts() for name, part in system.parts.items()}
         return table, {
             "roles": {role: list(names) for role, names in roles(system.scenario, columns).items()},
-            "parts": {**read_facts(world).get("parts", {}), **parts},
+            "parts": {**read_facts(world.schema).get("parts", {}), **parts},
         }
 
 
