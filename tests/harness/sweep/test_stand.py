@@ -120,6 +120,17 @@ def test_what_changes_the_system_itself_may_vary_too(small, tmp_path):
         assert len(result.time) == round(1000 * case.values["seconds"])
 
 
+def test_a_system_that_cannot_be_assembled_leaves_no_folder(small, tmp_path, monkeypatch):
+    plan, base = laid_out(small('[sweep]\n[sweep.vary]\n"part.again.fmu" = ["gone.fmu"]\n'))
+    room = tmp_path / "room"
+    room.mkdir()
+    monkeypatch.setattr("tempfile.tempdir", str(room))
+    ((_, row),) = _performed(base, plan.cases())
+    assert row.status == "failed"
+    assert "gone.fmu" in row.error
+    assert not list(room.iterdir())
+
+
 def test_a_recording_may_vary(tmp_path, recording):
     scenario = scenarios.load(
         "closed_loop", {"seconds": 1.5, "settle": 0.2, "sweep": {"motions": [str(recording)] * 2}}
