@@ -230,6 +230,10 @@ class _Rig:
         for part in self.system.parts.values():
             with contextlib.suppress(FaultError):
                 part.release() if isinstance(part, Reusable) else part.close()
+        self.abandon()
+
+    def abandon(self) -> None:
+        """Remove the files alone: nothing is freed while a part is in it."""
         self._room.cleanup()
 
 
@@ -289,8 +293,7 @@ class Stand:
             if rig is not None and (hanging or rig.worn):
                 # What a part has been through is not to show in the next run.
                 self._rigs = OrderedDict((k, r) for k, r in self._rigs.items() if r is not rig)
-                if not hanging:
-                    rig.close()
+                rig.abandon() if hanging else rig.close()
             return row("failed", str(error), worn=hanging)
         except SteadytipError as error:
             return row("failed", str(error))
