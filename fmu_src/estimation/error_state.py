@@ -24,7 +24,9 @@ The unscented one draws scaled sigma points (E13 3.31 to 3.33, weights with the 
 
 takes the mean of what the process makes of them by E13 3.47 to 3.50 - the errors about a mean, the
 mean moved by their mean, again - and draws them anew about the predicted state for a measurement.
-Cholesky's factor has a zero column where P has no variance: a parameter that is known stays known.
+Most errors enter straight, or not at all; what their points would give is known without taking them
+(`_Points`). Cholesky's factor has a zero column where P has no variance: a parameter that is known
+stays known.
 
 A residual that the filter does not believe, nu above a gate for each degree of freedom, counts with
 a covariance so much larger that it lies at the gate: it pulls a little, whatever its size, and a
@@ -205,11 +207,11 @@ class Unscented:
 class _Points:
     """Sigma points of a covariance, as far as a function of the errors needs them.
 
-    Cholesky's factor has its columns in an order of our choice. First come the errors that `bend`
-    the function, then those in which it is straight while the first ones are zero, then those that
-    it does not depend on. A column has zeros above its diagonal, so that points along the second
-    kind lie on a line, whose slope is known, and points along the third are all at the center. Only
-    points along the first kind go through the function; the moments are those of all.
+    The order of errors in Cholesky's factor is ours to choose. First come those that bend the
+    function, then those in which it is straight while the first are zero, last those that it does
+    not depend on. A column has zeros above its diagonal: images of points along the second kind lie
+    on a line whose slope is known, those along the third are all that of the center. Only points
+    along the first kind go through the function; the moments are those of all.
 
     Attributes:
         errors: (n,) expression of the errors that act, for the function.
