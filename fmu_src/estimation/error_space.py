@@ -197,7 +197,7 @@ class Moved:
             across: between the errors before and those of these fields after it, (n, m).
             own: covariance of the latter.
         """
-        results = [self.alone.pack(), ca.vertcat(*self._factors)]
+        results = [self.alone.pack(), ca.densify(ca.vertcat(*self._factors))]
         rest, factors = ca.Function("rest", self.symbols, results, {"cse": True})(x, u)
         after = (
             moved[self.small.parts[name].whole] if name in self.small.parts else rest[part.whole]
@@ -227,7 +227,8 @@ def at_zero(expression: Any, e: Any) -> Any:
 def bends(J: Any, e: Any) -> tuple[list[int], list[int]]:
     """Which errors bend a function of the Jacobian J, and which others it depends on.
 
-    While the first ones are zero, the function is straight in the second.
+    While the first ones are zero, the function is straight in the second. It may have kinks, but no
+    steps: a Jacobian does not tell of those.
     """
     acting = sorted(set(J.sparsity().get_triplet()[1]))
     pairs = set()

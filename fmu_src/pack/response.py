@@ -24,6 +24,7 @@ from typing import Any
 import numpy as np
 
 from fmu_src.kit import Model, Runner
+from fmu_src.kit.errors import SteadytipError
 from fmu_src.kit.records import Scalar
 from fmu_src.pack import reference
 from fmu_src.pack.compiled import CompiledRunner
@@ -63,7 +64,7 @@ def responses(model: Model) -> list[Response]:
     outputs = [s for s in model.variables["output"] if s.field.kind == "Real"]
     if not inputs:
         return []
-    make = CompiledRunner if len(_times(model)) * len(inputs) >= _LONG else Runner
+    make = _compiled if len(_times(model)) * len(inputs) >= _LONG else Runner
     at = np.column_stack([_at_tone(quiet, scalar, TONE, make) for scalar in inputs])
     moved = np.abs(at) * [reach(scalar) for scalar in inputs]
     chosen = {}
@@ -100,6 +101,14 @@ def _without_noise(model: Model) -> Model:
         return model.step(*arguments, normal=np.zeros(model.draws), **derived)
 
     return replace(model, step=step, draws=0)
+
+
+def _compiled(model: Model) -> Runner:
+    """The same numbers sooner, where there is a compiler for this platform."""
+    try:
+        return CompiledRunner(model)
+    except SteadytipError:
+        return Runner(model)
 
 
 def _times(model: Model) -> np.ndarray:

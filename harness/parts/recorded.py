@@ -19,7 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from harness.errors import FaultError, ProblemsError, SteadytipError, nearest
 from harness.parts import FloatArray, Port, PortType, Run, Settings, unit_of
 from harness.parts.rows import RowsPart
-from harness.record import read_table, values_of
+from harness.record import read_schema, read_table, values_of
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
 
@@ -54,12 +54,12 @@ class RecordedPart(RowsPart):
                 ],
             ) from None
         self._path = Path(keys.recorded)
-        table = read_table(self._path)
-        of = keys.of or name
-        fields = [field for field in table.schema if field.name.startswith(f"{of}.")]
-        if "time" not in table.column_names or not fields:
-            parts = {n.rpartition(".")[0] for n in table.column_names if "." in n}
+        schema, of = read_schema(self._path), keys.of or name
+        fields = [field for field in schema if field.name.startswith(f"{of}.")]
+        if "time" not in schema.names or not fields:
+            parts = {n.rpartition(".")[0] for n in schema.names if "." in n}
             raise SteadytipError(f"{self._path} has no signals of '{of}'; {nearest(of, parts)}")
+        table = read_table(self._path, ["time", *(field.name for field in fields)])
         if len(table) == 0:
             raise SteadytipError(f"{self._path} is empty")
         self.outputs: Sequence[Port] = [

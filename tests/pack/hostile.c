@@ -178,7 +178,7 @@ static void walk(Bytes *b) {
 
 #define INSTANCES 100
 #define THREADS 8
-#define SAMPLES 25
+#define SAMPLES 60
 
 static void simulate(int which, Memory *result) {
     fmi2CallbackFunctions functions = {listen, NULL, NULL, NULL, NULL};

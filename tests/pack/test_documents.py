@@ -26,6 +26,7 @@ from fmu_src.kit import (
 from fmu_src.kit.records import Scalar
 from fmu_src.pack import (
     archive,
+    compiled,
     description,
     documents,
     icon,
@@ -207,6 +208,18 @@ def test_response_of_the_sensors_is_that_of_their_output_filter() -> None:
         assert measured.gain == pytest.approx(gain, rel=0.005)
         assert measured.phase == pytest.approx(-np.degrees(np.arctan(a)), abs=0.2)
         assert measured.group_delay == pytest.approx(design.SENSOR_LAG / (1 + a * a), abs=5e-5)
+
+
+def test_responses_need_no_compiler(monkeypatch) -> None:
+    """The page of a Python FMU is made on platforms for which no binary can be built, too."""
+    monkeypatch.setattr(response, "_LONG", 0)
+    monkeypatch.setattr("platform.machine", lambda: "abacus")
+    compiled._compiled.cache_clear()
+    model = load_model("Shelving")
+    with pytest.raises(SteadytipError, match="no native FMU can be built for"):
+        compiled.CompiledRunner(model)
+    found = response.responses.__wrapped__(model)
+    assert found == response.responses(model) != []
 
 
 def test_tremor_filters_put_the_tone_where_it_will_be(monkeypatch) -> None:

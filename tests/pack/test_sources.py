@@ -104,7 +104,7 @@ def compile_strictly(folder: Path, chain: str, flags: list[str]) -> None:
 @pytest.mark.slow
 @pytest.mark.parametrize(
     ("sanitizers", "arguments"),
-    [("address,undefined", ["walk", "100"]), ("thread", ["threads"])],
+    [("address,undefined", ["walk", "300"]), ("thread", ["threads"])],
     ids=["random calls", "threads"],
 )
 def test_hostile_host_finds_nothing(sources, sanitizers, arguments) -> None:
