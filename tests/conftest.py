@@ -23,6 +23,12 @@ def by_model() -> list[Any]:
     return [pytest.param(name, marks=pytest.mark.xdist_group(name)) for name in model_names()]
 
 
+def pytest_addoption(parser: pytest.Parser) -> None:
+    parser.addoption(
+        "--update", action="store_true", help="write the tracked figures of change_indication anew"
+    )
+
+
 _FIRST = ("wall-clock", "platforms")
 """Groups of tests that take minutes, each in one worker."""
 
