@@ -25,7 +25,7 @@ fmus: $(READY)  ## every model as a native and as a Python FMU
 	$(BIN)/steadytip build --flavour python
 
 tables: $(READY)  ## the pages generated from the models
-	$(BIN)/python -m fmu_src.pack.tables
+	$(BIN)/python -m fmu_src.pack.models_page
 
 bench: $(READY)  ## figures of speed; minutes, see `steadytip bench --help`
 	$(BIN)/steadytip bench

@@ -38,19 +38,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import (
-    Derived,
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    boolean,
-    integer,
-    real,
-    rotations,
-)
+from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.noise import standard_normal
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.math import rotations
 from plants import sampling
 
 ROOM = 3

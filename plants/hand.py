@@ -34,7 +34,7 @@ carrier in the middle of its band; the others start at rest and take four time c
 to build up.
 
 Starts of intent, corrections and tremor are geometric means over ten recordings of surgeons and
-novices (harness.identify.hand). Half a minute cannot tell drift from slow intent, nor a jerk from
+novices (identify.hand). Half a minute cannot tell drift from slow intent, nor a jerk from
 a correction, and all of it counts as intent there; drift and jerk are chosen so small that they
 leave the error to the tremor.
 
@@ -56,20 +56,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import (
-    Derived,
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    boolean,
-    design,
-    integer,
-    real,
-    rotations,
-)
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.noise import standard_normal
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.math import rotations
 
 ORDER = 4
 """Poles of a shaping filter: one more than derivatives that have to be continuous."""

@@ -43,17 +43,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import (
-    Derived,
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    design,
-    real,
-    rotations,
-)
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, real
+from fmu_src.math import rotations
 
 OUTWARDS = [np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians([0.0, 120.0, 240.0])]
 """Directions e_i of the legs in the manipulator's base frame."""

@@ -36,19 +36,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import (
-    Derived,
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    boolean,
-    design,
-    integer,
-    real,
-    rotations,
-)
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.math import rotations
 from plants import sampling
 
 MARKERS = len(design.MARKERS)

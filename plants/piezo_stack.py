@@ -41,8 +41,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, real
-from fmu_src.kit.pairs import total
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, real
+from fmu_src.math.pairwise import total
 
 SUBSTEPS = 2
 LEAST_THRESHOLD = 0.3

@@ -25,7 +25,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, real, rotations
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.math import rotations
 
 JOINTS = 3
 

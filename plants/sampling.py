@@ -9,8 +9,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import State, integer, real
+from fmu_src.kit import State
 from fmu_src.kit.noise import standard_normal
+from fmu_src.kit.records import integer, real
 
 SLOTS = 8
 """Packets that may be under way at once; one that finds no slot is lost."""

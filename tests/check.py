@@ -15,7 +15,7 @@ STYLE = {
     "lint": ["ruff", "check", "."],
     "types": ["mypy"],
     "imports": ["lint-imports"],
-    "tables": ["python", "-m", "fmu_src.pack.tables", "--check"],
+    "tables": ["python", "-m", "fmu_src.pack.models_page", "--check"],
 }
 TESTS = {"tests": ["python", "-m", "pytest", "-q", "-n", "auto", "--dist", "loadgroup"]}
 

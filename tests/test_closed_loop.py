@@ -6,10 +6,10 @@ import fmpy
 import numpy as np
 import pytest
 
-import harness
-from harness.parts.recording import recordings
-from harness.scenario import load
-from harness.system import assemble
+import steadytip as st
+from harness.recordings.motion import recordings
+from harness.scenario.load import load
+from harness.system.assembly import assemble
 
 INSTRUMENT = ("estimator", "controller")
 REDUCTIONS = ("reduction_in_band", "reduction_a_posteriori")
@@ -18,7 +18,7 @@ REDUCTIONS = ("reduction_in_band", "reduction_a_posteriori")
 @pytest.fixture(scope="module")
 def run(tmp_path_factory):
     """The shipped loop, 20 s, as `steadytip run closed_loop` runs it."""
-    return harness.run("closed_loop", out=tmp_path_factory.mktemp("run"), report=False)
+    return st.run("closed_loop", out=tmp_path_factory.mktemp("run"), report=False)
 
 
 def test_more_than_half_of_a_quasi_sinusoidal_tremor_is_cancelled(run) -> None:
@@ -28,7 +28,7 @@ def test_more_than_half_of_a_quasi_sinusoidal_tremor_is_cancelled(run) -> None:
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_other_hands_of_the_generator_and_other_noise(seed, tmp_path) -> None:
-    result = harness.run(
+    result = st.run(
         "closed_loop", overrides={"seed": seed, "seconds": 12.0}, out=tmp_path, report=False
     )
     assert result.metrics["reduction_in_band"].value >= 50
@@ -36,7 +36,7 @@ def test_other_hands_of_the_generator_and_other_noise(seed, tmp_path) -> None:
 
 def test_noisy_sensors_cost_but_do_not_break(tmp_path) -> None:
     """Accelerometers four times as noisy as their data sheet: still less tremor than without."""
-    result = harness.run(
+    result = st.run(
         "closed_loop_a04_noise", overrides={"seconds": 12.0}, out=tmp_path, report=False
     )
     assert 40 < result.metrics["reduction_in_band"].value < 75
@@ -86,7 +86,7 @@ def test_nothing_in_the_instrument_sees_the_truth() -> None:
 
 
 def test_the_record_repeats_to_the_bit(run, tmp_path) -> None:
-    again = harness.run("closed_loop", overrides={"seconds": 3.0}, out=tmp_path, report=False)
+    again = st.run("closed_loop", overrides={"seconds": 3.0}, out=tmp_path, report=False)
     for name in ("instrument.tip_x", "estimator.rate_z", "controller.volts_3"):
         np.testing.assert_array_equal(again.signals(name), run.signals(name)[:3000])
 
@@ -98,7 +98,7 @@ def test_python_flavour_holds_the_tip_as_native_does(run, tmp_path) -> None:
     flavours = {f"part.{name}.flavour": "python" for name in parts}
     seconds = {"seconds": 6.0}
     figures = [
-        harness.run("closed_loop", overrides=o, out=tmp_path / str(i), report=False).metrics
+        st.run("closed_loop", overrides=o, out=tmp_path / str(i), report=False).metrics
         for i, o in enumerate((seconds, seconds | flavours))
     ]
     for name in REDUCTIONS:
@@ -116,7 +116,7 @@ def test_recorded_hands_have_less_tremor_by_both_definitions(
     """In the band and a-posteriori [%]: mean of ten recordings, and the worst of them."""
     rows = {}
     for path in recordings([data_dir / "hand_motion_m2s2"]):
-        metrics = harness.run(scenario, motion=path, out=tmp_path, report=False).metrics
+        metrics = st.run(scenario, motion=path, out=tmp_path, report=False).metrics
         rows[path.stem] = [metrics[name].value for name in REDUCTIONS]
         print(f"{path.stem}: {rows[path.stem][0]:.1f}, {rows[path.stem][1]:.1f}")
     found = np.array(list(rows.values()))

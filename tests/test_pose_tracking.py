@@ -3,13 +3,13 @@
 import numpy as np
 import pytest
 
-import harness
+import steadytip as st
 
 
 @pytest.mark.slow
 def test_pose_tracking_bridges_occlusions_and_knows_how_well(tmp_path) -> None:
     """60 Hz, 16 ms late, six random occlusions a minute: a tenth of a millimetre, 0.03 deg."""
-    result = harness.run("pose_tracking", out=tmp_path, report=False)
+    result = st.run("pose_tracking", out=tmp_path, report=False)
     value = {name: metric.value for name, metric in result.metrics.items()}
     assert np.degrees(value["attitude_error_rms"]) < 0.03
     assert value["position_error_rms"] < 1e-4

@@ -54,26 +54,18 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.estimation import micron
-from fmu_src.kit import (
-    Derived,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    boolean,
-    integer,
-    real,
-    rotations,
-)
+from fmu_src.estimation.micron import model as micron
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, boolean, integer, real
 from fmu_src.manipulator import parallel_3dof
+from fmu_src.math import phasors, rotations
 from fmu_src.piezo import inverse_modulated_stops as inverse_stops
 from fmu_src.piezo import inverse_rate_dependent as inverse_plays
 from fmu_src.piezo import modulated_stops as stops
 from fmu_src.piezo import prandtl_ishlinskii as plays
 from fmu_src.piezo import rate_dependent
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
-from fmu_src.tremor import inertial, phasors, var_forecaster, wflc_flc
+from fmu_src.tremor import inertial, var_forecaster, wflc_flc
 
 SAMPLE_PERIOD = 1e-3
 STACK_DELAY = 0.3e-3

@@ -22,8 +22,10 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from fmu_src.estimation.error_state import NOTHING
-from fmu_src.kit import Parameters, State, real, rotations
+from fmu_src.filters.error_state import NOTHING
+from fmu_src.kit import Parameters, State
+from fmu_src.kit.records import real
+from fmu_src.math import rotations
 
 LATEST = 160
 """Samples for which turns are kept."""

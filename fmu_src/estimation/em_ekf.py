@@ -53,21 +53,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
+from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation import triad
-from fmu_src.estimation.error_space import Space
-from fmu_src.estimation.error_state import NOTHING, Extended, chosen
-from fmu_src.kit import (
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    boolean,
-    design,
-    real,
-    rotations,
-)
+from fmu_src.filters import triad
+from fmu_src.filters.error_space import Space
+from fmu_src.filters.error_state import NOTHING, Extended, chosen
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.math import rotations
 
 
 class Nominal(State):

@@ -40,10 +40,13 @@ from typing import Any
 
 import casadi as ca
 
+from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.error_space import Space, slope
-from fmu_src.estimation.error_state import Filter, chosen, deviation
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
+from fmu_src.filters.error_space import Space, slope
+from fmu_src.filters.error_state import Filter, chosen, deviation
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.math import rotations
 
 SAMPLE_PERIOD = 1e-3
 KEPT = 128

@@ -1,6 +1,6 @@
 """The only shared ground of all models: records, units, rotations, noise, design. No I/O."""
 
-from fmu_src.kit.errors import SteadytipError, range_text
+from fmu_src.errors import SteadytipError, range_text
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import (
     Derived,

@@ -23,7 +23,7 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import (
     Derived,

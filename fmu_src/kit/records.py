@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, Self
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit.errors import SteadytipError, range_text
+from fmu_src.errors import SteadytipError, range_text
 from fmu_src.kit.units import base_exponents
 
 Kind = Literal["Real", "Integer", "Boolean"]

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.kit.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.model import Model
 from fmu_src.kit.noise import uniforms
 from fmu_src.kit.records import Field, Record

@@ -10,7 +10,7 @@ from collections import Counter
 from collections.abc import Mapping
 from functools import cache
 
-from fmu_src.kit.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 
 BASE = ("kg", "m", "s", "A", "K", "mol", "cd", "rad")
 _DERIVED: Mapping[str, Mapping[str, int]] = {

@@ -65,7 +65,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, design, real, rotations
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.math import rotations
 
 LEG_ANGLES = np.radians([0.0, 120.0, 240.0])
 """Directions of the legs about z_0 (A04 6.1)."""

@@ -9,8 +9,11 @@ from contextlib import contextmanager
 from functools import cache, partial
 from pathlib import Path
 
-from fmu_src.kit import Model, SteadytipError
-from fmu_src.pack import archive, native, sources, store
+from fmu_src.errors import SteadytipError
+from fmu_src.kit import Model
+from fmu_src.pack import cache as store
+from fmu_src.pack import fingerprint as sources
+from fmu_src.pack.fmu import archive, native
 
 FLAVOURS = ("native", "python")
 _NOT_MODELS = ("fmu_src.kit", "fmu_src.pack")
@@ -159,7 +162,9 @@ def _made(
     platforms: list[str],
     progress: Callable[[str], None],
 ) -> bytes:
-    from fmu_src.pack import csource, description, documents, python_flavour
+    from fmu_src.pack.codegen import c_source as csource
+    from fmu_src.pack.docs import documents
+    from fmu_src.pack.fmu import description, python_flavour
 
     model = load()
     progress(model.name)

@@ -7,8 +7,8 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from fmu_src.kit.container import Container, Link, Member, contain
-from fmu_src.pack import native
 from fmu_src.pack.build import build_file, load_model
+from fmu_src.pack.fmu import native
 
 
 @dataclass(frozen=True)

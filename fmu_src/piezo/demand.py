@@ -19,7 +19,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import State, real
+from fmu_src.kit import State
+from fmu_src.kit.records import real
 
 LONGEST = 20e-3
 """Largest horizon [s]: a parabola says nothing of a tremor farther ahead."""

@@ -35,8 +35,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, boolean, real
-from fmu_src.kit.pairs import smallest, total
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, boolean, real
+from fmu_src.math.pairwise import smallest, total
 from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
 from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled

@@ -28,18 +28,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import (
-    Derived,
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    boolean,
-    condition,
-    design,
-    real,
-)
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, boolean, condition, real
 from fmu_src.piezo.demand import Demand, ahead, horizon, seen
 from fmu_src.piezo.prandtl_ishlinskii import (
     DEAD_ZONES,

@@ -41,18 +41,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import (
-    Derived,
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    State,
-    condition,
-    design,
-    real,
-)
-from fmu_src.kit.pairs import total
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, condition, real
+from fmu_src.math.pairwise import total
 from fmu_src.piezo.prandtl_ishlinskii import UNDEFINED
 
 STOPS = 12
@@ -83,7 +75,7 @@ LEAD = 9.307e-5
 class Stops(Parameters):
     """Parameters of one stack.
 
-    Starts are what `harness.identify.modulated_stops` makes of its own excitation, recorded with
+    Starts are what `steadytip identify hysteresis` makes of its own excitation, recorded with
     0.07 um rms of sensor noise from a stack that it knows nothing else of; the mean of six
     recordings.
     """

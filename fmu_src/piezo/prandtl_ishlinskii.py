@@ -23,7 +23,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, design, real
+from fmu_src.device import design
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, real
 
 PLAYS = 10
 """n + 1 (A04 7.4)."""
@@ -45,7 +47,7 @@ class Hysteresis(Parameters):
 
     Thresholds are A04's (7.4), whose dead zones are taken as volts of y: with s_0 held at the
     nominal stroke per volt, y runs to 100 V at the full stroke. Weights are what
-    `harness.identify.hysteresis` makes of its own excitation, recorded with 0.07 um rms of sensor
+    `steadytip identify hysteresis` makes of its own excitation, recorded with 0.07 um rms of sensor
     noise from a stack that it knows nothing else of; the mean of six recordings.
     """
 

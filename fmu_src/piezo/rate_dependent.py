@@ -29,7 +29,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, State, boolean, condition, real
+from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit.records import Derived, Inputs, boolean, condition, real
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE, invert
 from fmu_src.piezo.prandtl_ishlinskii import (
     NOMINAL,
@@ -59,7 +60,7 @@ _Starting: Any = Hysteresis.starting(weights=WEIGHTS, saturation=SATURATION)
 class RateDependence(_Starting):
     """Thresholds and weights of one stack, and how they depend on the rate.
 
-    Starts are what `harness.identify.hysteresis` makes of six recordings of the excitation for
+    Starts are what `steadytip identify hysteresis` makes of six recordings of the excitation for
     modulated stops, 0.07 um rms of sensor noise in them, from a stack that it knows nothing else
     of.
     """

@@ -62,8 +62,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Model, State, boolean, real
-from fmu_src.tremor import phasors, zero_phase
+from fmu_src.kit import Model, State
+from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.math import phasors, zero_phase
 from fmu_src.tremor.ports import HORIZON, In, Out
 
 SAMPLE_PERIOD = 1e-3

@@ -46,8 +46,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Model, Parameters, State, boolean, real
-from fmu_src.tremor import phasors
+from fmu_src.kit import Model, Parameters, State
+from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.math import phasors
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In, Out
 from fmu_src.tremor.wflc_flc import high_pass
 

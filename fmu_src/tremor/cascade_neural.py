@@ -44,7 +44,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, boolean, integer, real
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, integer, real
 
 SAMPLE_PERIOD = 4e-3
 """Of the recordings that are trained on, there and here [s]."""

@@ -25,7 +25,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Inputs, Model, Outputs, Parameters, State, real
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, real
 
 HARMONICS = 1
 """M. The second harmonic of an 8 to 12 Hz tremor lies beyond what hands show above their noise."""

@@ -59,10 +59,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Inputs, Parameters, State, boolean, real
-from fmu_src.kit import sensing_kinematics as kinematics
-from fmu_src.tremor import elliptic
-from fmu_src.tremor.phasors import Pair
+from fmu_src.device import sensing_kinematics as kinematics
+from fmu_src.kit import Parameters, State
+from fmu_src.kit.records import Derived, Inputs, boolean, real
+from fmu_src.math import elliptic
+from fmu_src.math.phasors import Pair
 
 CHANNELS = len(kinematics.CHANNELS)
 CENTRE = 10.0

@@ -51,8 +51,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Model, State, boolean, real
-from fmu_src.tremor import phasors
+from fmu_src.kit import Model, State
+from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.math import phasors
 from fmu_src.tremor.ports import In, Out, Surroundings
 
 FREQUENCIES = np.arange(3.0, 20.1, 0.75)

@@ -8,7 +8,8 @@
 | y | tremor | tremor at the time t + h |
 """
 
-from fmu_src.kit import Inputs, Outputs, Parameters, boolean, real
+from fmu_src.kit import Outputs, Parameters
+from fmu_src.kit.records import Inputs, boolean, real
 
 WASH_OUT = real(
     "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0

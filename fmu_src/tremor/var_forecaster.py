@@ -55,9 +55,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Derived, Model, Outputs, State, boolean, real
-from fmu_src.kit.pairs import total
-from fmu_src.tremor import blocks, phasors, zero_phase
+from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.math import phasors, zero_phase
+from fmu_src.math.pairwise import total
+from fmu_src.tremor import blocks
 from fmu_src.tremor.ports import In
 
 SAMPLE_PERIOD = 1e-3

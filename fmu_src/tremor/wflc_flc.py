@@ -39,9 +39,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, Parameters, State, boolean, real
+from fmu_src.kit import Model, Parameters, State
+from fmu_src.kit.records import boolean, real
+from fmu_src.math.elliptic import EllipticState, band_pass
 from fmu_src.tremor import flc, ports, wflc
-from fmu_src.tremor.elliptic import EllipticState, band_pass
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In
 
 HIGH_PASS_ORDER = 2

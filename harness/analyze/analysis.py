@@ -12,19 +12,21 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.analyze.alone import Block, block_of
-from harness.analyze.operating import Operation, Progress, duration, operate
-from harness.analyze.probing import ComplexArray
-from harness.errors import ProblemsError, SteadytipError
-from harness.metrics import TREMOR_BAND
-from harness.parts import FloatArray, Part
-from harness.scenario import Scenario, load
-from harness.system import System, assemble, moved_part
+from harness.analyze.multisine import ComplexArray
+from harness.analyze.operating_point import Operation, Progress, duration, operate
+from harness.analyze.part_response import Block, block_of
+from harness.common.errors import ProblemsError, SteadytipError
+from harness.common.types import FloatArray
+from harness.parts.protocols import Part
+from harness.results.metrics import TREMOR_BAND
+from harness.scenario.load import load
+from harness.scenario.schema import Scenario
+from harness.system.assembly import System, assemble, part_moved_by_recording
 
 if TYPE_CHECKING:
-    from harness.analyze.budget import DelayBudget, Margins
+    from harness.analyze.delay_budget import DelayBudget, Margins
     from harness.analyze.linear import Assembly, Loop
-    from harness.analyze.stages import Stage
+    from harness.analyze.phase_budget import Stage
 
 __all__ = ["DOUBTFUL", "INCOHERENT", "Analysis", "analyze"]
 
@@ -146,7 +148,7 @@ def _mover(system: System) -> str:
     if len(system.motions) == 1:
         return next(iter(system.motions))
     try:
-        return moved_part(system.parts)
+        return part_moved_by_recording(system.parts)
     except SteadytipError as error:
         raise SteadytipError(
             f"{system.scenario.name}: the analysis moves the hand as a recording does; {error}"
@@ -163,10 +165,10 @@ def _checked(system: System, mover: str) -> System:
         if role not in roles
     ]
     problems += [
-        f"part '{name}' is of kind '{part.facts()['kind']}': only FMUs can be measured alone; put "
-        "an FMU in its place"
+        f"part '{name}' is of kind '{part.metadata()['kind']}': only FMUs can be measured alone; "
+        "put an FMU in its place"
         for name, part in system.parts.items()
-        if part.facts()["kind"] not in {"fmu", "replay"}
+        if part.metadata()["kind"] not in {"fmu", "replay"}
     ]
     if "drive" not in roles:
         # Every loop has a delayed wire; without a word on it, that is where the command leaves.
@@ -232,9 +234,9 @@ def _conclude(
     wanted: float,
     motion: Path | None,
 ) -> Analysis:
-    from harness.analyze.budget import band, correction_of, delay_budget, left_of, margins
+    from harness.analyze.delay_budget import band, correction_of, delay_budget, left_of, margins
     from harness.analyze.linear import LINEAR, attenuation, fitted, put_together
-    from harness.analyze.stages import stages_of
+    from harness.analyze.phase_budget import stages_of
 
     links, step = system.wiring.links, system.scenario.step
 

@@ -36,11 +36,11 @@ from functools import cached_property
 import control
 import numpy as np
 
-from harness.analyze.alone import TINY, Block
-from harness.analyze.operating import Operation
-from harness.analyze.probing import OMEGA, ComplexArray
-from harness.parts import FloatArray
-from harness.wiring import Link
+from harness.analyze.multisine import OMEGA, ComplexArray
+from harness.analyze.operating_point import Operation
+from harness.analyze.part_response import TINY, Block
+from harness.common.types import FloatArray
+from harness.system.wire import Link
 
 __all__ = [
     "Assembly",

@@ -7,14 +7,15 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
 from harness.analyze.analysis import INCOHERENT, Analysis
-from harness.analyze.budget import BAND, EARLIEST, band, changed, left_of
+from harness.analyze.delay_budget import BAND, EARLIEST, band, left_of
 from harness.analyze.linear import attenuation as attenuation_of
-from harness.analyze.operating import AXES
-from harness.analyze.probing import FREQUENCIES, within
-from harness.metrics import TREMOR_BAND
-from harness.parts import FloatArray
+from harness.analyze.linear import changed
+from harness.analyze.multisine import FREQUENCIES, within
+from harness.analyze.operating_point import AXES
+from harness.common.types import FloatArray
 from harness.report.page import Plot
 from harness.report.plots import GREY, SERIES, layout, line
+from harness.results.metrics import TREMOR_BAND
 
 __all__ = ["attenuation", "delays", "misfits", "phases"]
 

@@ -10,16 +10,16 @@ from typing import Any
 import numpy as np
 
 from harness.analyze.analysis import DOUBTFUL, INCOHERENT, Analysis
-from harness.analyze.budget import BAND, INTENT, band, correction_of, left_of
-from harness.analyze.operating import AXES
-from harness.analyze.probing import FREQUENCIES, SPACING
-from harness.display import shown
-from harness.errors import SteadytipError
-from harness.metrics import TREMOR_BAND
-from harness.parts import FloatArray
-from harness.record import reason
+from harness.analyze.delay_budget import BAND, INTENT, band, correction_of, left_of
+from harness.analyze.multisine import FREQUENCIES, SPACING
+from harness.analyze.operating_point import AXES
+from harness.common.errors import SteadytipError
+from harness.common.figures import Figure
+from harness.common.files import reason
+from harness.common.quantities import format_quantity
+from harness.common.types import FloatArray
 from harness.report.page import Section, Table, made_with, write_sections
-from harness.reproduce.item import Figure
+from harness.results.metrics import TREMOR_BAND
 
 __all__ = ["PAGE", "figures", "tables", "write_page"]
 
@@ -246,7 +246,7 @@ def write_page(analysis: Analysis, folder: Path) -> Path:
             plots=(plots.misfits(analysis),),
         ),
     ]
-    size, unit = shown(analysis.tremor, "m")
+    size, unit = format_quantity(analysis.tremor, "m")
     try:
         folder.mkdir(parents=True, exist_ok=True)
         return write_sections(

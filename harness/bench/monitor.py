@@ -10,12 +10,21 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.bench.watched import BOARD, LOOP, ROLES, STEP, board_rows, columns, loop_rows, refresh
-from harness.can.pacing import sleep_until
+from harness.bench.monitor_load import (
+    BOARD,
+    LOOP,
+    ROLES,
+    STEP,
+    board_rows,
+    columns,
+    loop_rows,
+    refresh,
+)
+from harness.can.precise_sleep import sleep_until
+from harness.common.figures import Figure
 from harness.hil.monitor import start_monitor
 from harness.hil.ring import Ring
-from harness.record import Column
-from harness.reproduce.item import Figure
+from harness.parts.ports import Column
 
 __all__ = ["figures"]
 

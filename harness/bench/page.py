@@ -12,9 +12,9 @@ from pathlib import Path
 from rich.markup import escape
 from rich.table import Table
 
-from harness.bench.book import Book, Line
+from harness.bench.results import Book, Line
 from harness.bench.session import SUITE
-from harness.reproduce.run import for_people
+from harness.reproduce.engine import for_people
 
 __all__ = ["console_tables", "machine", "write_page"]
 
@@ -81,14 +81,14 @@ def machine() -> str:
     """Processor, cores, system, Python, and what else the machine was doing."""
     from pytest_benchmark.plugin import pytest_benchmark_generate_machine_info
 
-    facts = pytest_benchmark_generate_machine_info()
+    metadata = pytest_benchmark_generate_machine_info()
     cores = os.cpu_count() or 1
     load = f", load before {os.getloadavg()[0]:.1f}" if hasattr(os, "getloadavg") else ""
     return (
-        f"{facts['cpu'].get('brand_raw', 'unknown processor')}, "
+        f"{metadata['cpu'].get('brand_raw', 'unknown processor')}, "
         f"{cores} core{'s' * (cores > 1)}{load}; "
-        f"{platform.system()} {platform.machine()}, {facts['python_implementation']} "
-        f"{facts['python_version']}"
+        f"{platform.system()} {platform.machine()}, {metadata['python_implementation']} "
+        f"{metadata['python_version']}"
     )
 
 
@@ -98,7 +98,7 @@ def write_page(path: Path, groups: Sequence[str], book: Book, where: str) -> Pat
     Raises:
         SteadytipError: the file cannot be written.
     """
-    from harness.record import write_text
+    from harness.common.files import write_text
 
     parts = [
         "# Speed",

@@ -79,8 +79,7 @@ def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], float 
         (count + 1,) after the imports and after each run; and what the last one adds while it
         ticks, beginning with its second second [MiB], None where it is too short to tell.
     """
-    import harness
-    import harness.runs
+    from harness.running import run
 
     sizes: list[float] = [_resident()]
     within: list[float] = []
@@ -93,7 +92,7 @@ def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], float 
         for _ in range(count):
             overrides = {"seconds": seconds, "settle": 0.0}
             within.clear()
-            harness.run(scenario, overrides=overrides, out=folder, report=False, progress=look)
+            run(scenario, overrides=overrides, out=folder, report=False, progress=look)
             sizes.append(_resident())
     return sizes, within[-1] - within[0] if len(within) > 1 else None
 

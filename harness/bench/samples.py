@@ -13,13 +13,13 @@ from typing import Any
 
 import numpy as np
 
-from harness import scenario as scenarios
-from harness.parts import FloatArray
+from harness.common.types import FloatArray
 from harness.parts.description import Description
 from harness.parts.fmu import FmuPart
-from harness.result import Result
-from harness.runs import perform
-from harness.system import System, assemble
+from harness.results.result import Result
+from harness.running import perform
+from harness.scenario import load as scenarios
+from harness.system.assembly import System, assemble
 
 __all__ = ["Case", "cases", "names"]
 
@@ -86,7 +86,7 @@ class Case:
         name: of the model, with the parameters of a listener.
         description: of the FMU.
         starts: start values by variable name.
-        driven: inputs, in the order of `Instance.stepper`.
+        connected: inputs, in the order of `Instance.stepper`.
         table: (n, len(driven)) their values, one row for each sample of the FMU.
         period: between samples [s].
         setting: where this is from.
@@ -95,7 +95,7 @@ class Case:
     name: str
     description: Description
     starts: Mapping[str, Any]
-    driven: tuple[str, ...]
+    connected: tuple[str, ...]
     table: FloatArray
     period: float
     setting: str
@@ -117,7 +117,7 @@ def cases(folder: Path, seconds: float) -> list[Case]:
 
 def names() -> list[str]:
     """Of all cases: every model of ours, and the parameters of listeners."""
-    from fmu_src.pack import model_names
+    from fmu_src.pack.build import model_names
 
     listeners = [settings for parts in _LISTENERS.values() for settings, _ in parts]
     return sorted({*model_names(), *(_titled(dict(each)) for each in listeners)})
@@ -155,10 +155,10 @@ def _with_listeners(name: str, folder: Path) -> Path:
 
 def _case(scenario: str, part: FmuPart, system: System, result: Result) -> Case:
     links = {link.target: link for link in system.wiring.links if link.target_part == part.name}
-    driven = tuple(port.name for port in part.inputs if port.name in links)
+    connected = tuple(port.name for port in part.inputs if port.name in links)
     taken = [
         _late(result.signals(f"{links[port].source_part}.{links[port].source}"), links[port].delay)
-        for port in driven
+        for port in connected
     ]
     table = np.column_stack(taken) if taken else np.empty((system.steps, 0))
     step = system.scenario.step
@@ -170,7 +170,7 @@ def _case(scenario: str, part: FmuPart, system: System, result: Result) -> Case:
         name=_titled({"fmu": model, **(part.start_values if listener else {})}),
         description=part.description,
         starts=part.start_values,
-        driven=driven,
+        connected=connected,
         table=np.ascontiguousarray(table[(rows + 1e-6).astype(int)]),
         period=period,
         setting=f"{'signals of' if listener else 'as in'} {scenario}",

@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING, Any
 import pytest
 import pytest_benchmark  # noqa: F401 - whoever has none is told so by the import
 
-from harness.bench.book import Book
-from harness.errors import SteadytipError
+from harness.bench.results import Book
+from harness.common.errors import SteadytipError
 
 if TYPE_CHECKING:
-    from harness.reproduce.item import Figure
+    from harness.common.figures import Figure
 
 __all__ = ["SUITE", "Bench", "measure"]
 
@@ -196,7 +196,7 @@ def measure(
             f"--config-file={SUITE / 'pytest.ini'}",
             f"--rootdir={SUITE}",
             f"--benchmark-max-time={span}",
-            "--benchmark-timer=harness.bench.stopwatch.now",
+            "--benchmark-timer=harness.bench.timing.now",
         ],
         plugins=[plugin],
     )

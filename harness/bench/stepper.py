@@ -16,11 +16,12 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.pack import csource, native
+from fmu_src.pack.codegen import c_source as csource
+from fmu_src.pack.fmu import native
 from harness.bench.samples import Case
-from harness.errors import SteadytipError
-from harness.march import ACCESS, accesses
-from harness.parts import FloatArray
+from harness.common.errors import SteadytipError
+from harness.common.types import FloatArray
+from harness.loop.native import ACCESS, accesses
 from harness.parts.fmi import WARNING, Instance, Stepper
 
 __all__ = ["Stepped"]
@@ -80,11 +81,11 @@ class Stepped:
         """
         self.case = case
         self._instance = Instance(case.description, "measured", folder)
-        self.u = case.table[0].copy() if len(case.driven) else np.empty(0)
+        self.u = case.table[0].copy() if len(case.connected) else np.empty(0)
         self._y = np.zeros(len(case.description.outputs))
         end = len(case.table) * case.period
-        self._instance.begin(end, case.starts, case.driven, self.u)
-        self.advance: Stepper = self._instance.stepper(case.driven, self.u, self._y)
+        self._instance.begin(end, case.starts, case.connected, self.u)
+        self.advance: Stepper = self._instance.stepper(case.connected, self.u, self._y)
         calls = self._instance.calls
         assert calls is not None
         self._set, self._get = accesses(calls.set), accesses(calls.get)
@@ -97,7 +98,7 @@ class Stepped:
             set=ctypes.addressof(self._set),
             get=ctypes.addressof(self._get),
             inputs=case.table.ctypes.data,
-            width=len(case.driven),
+            width=len(case.connected),
         )
 
     def samples(self, first: int, last: int, spent: FloatArray | None = None) -> None:

@@ -14,9 +14,9 @@ from typing import Any
 
 import numpy as np
 
-from harness.can.pacing import sleep_until
-from harness.errors import SteadytipError
-from harness.reproduce.item import Figure
+from harness.can.precise_sleep import sleep_until
+from harness.common.errors import SteadytipError
+from harness.common.figures import Figure
 
 __all__ = ["NAMES", "figures"]
 

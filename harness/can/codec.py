@@ -22,7 +22,7 @@ from binascii import crc_hqx
 from collections.abc import Callable, Sequence
 
 from harness.can.database import Message, Signal
-from harness.errors import FaultError
+from harness.common.errors import FaultError
 
 __all__ = ["Codec", "crc8"]
 

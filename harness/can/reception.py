@@ -94,7 +94,7 @@ class Sample:
     anew: bool = False
 
 
-class Heard:
+class ReceivedMessage:
     """One message that others send."""
 
     def __init__(self, message: Message, codec: Codec, time: float) -> None:
@@ -153,7 +153,7 @@ class Reception:
         self._database = database
         self._period = period
         self.heard = {
-            m.id: Heard(m, Codec(m), database.seconds(m)) for m in database.heard_by(node)
+            m.id: ReceivedMessage(m, Codec(m), database.seconds(m)) for m in database.heard_by(node)
         }
         self._parts = [h for h in self.heard.values() if h.message.role == "sample"]
         for index, part in enumerate(self._parts):
@@ -205,7 +205,7 @@ class Reception:
 
     def take(
         self, time: int, id: int, data: bytes, odd: bool = False, is_fd: bool = False
-    ) -> Heard | None:
+    ) -> ReceivedMessage | None:
         """A frame came in.
 
         Args:
@@ -302,7 +302,7 @@ class Reception:
             if heard.counter is not None:
                 heard.counter.silence()
 
-    def _usable(self, heard: Heard, status: Status, time: int) -> bool:
+    def _usable(self, heard: ReceivedMessage, status: Status, time: int) -> bool:
         """Count what the counter says; whether the frame is to be used all the same."""
         name = {
             Status.OK_SOME_LOST: "lost",
@@ -323,7 +323,7 @@ class Reception:
         )
 
     def _held(
-        self, heard: Heard, values: tuple[float, ...], bad: int, time: int
+        self, heard: ReceivedMessage, values: tuple[float, ...], bad: int, time: int
     ) -> tuple[float, ...]:
         """Values with those that are bad replaced by the ones before."""
         kept = list(values)
@@ -344,7 +344,7 @@ class Reception:
                 self.events.append(Event(time, "range", f"{text}, {_IN_A_ROW} times in a row"))
         return tuple(kept)
 
-    def _put(self, heard: Heard, counter: int, time: int) -> None:
+    def _put(self, heard: ReceivedMessage, counter: int, time: int) -> None:
         """A part of a sample."""
         slots = self._slots
         slot = slots.get(counter)
@@ -400,7 +400,7 @@ class Reception:
         by_clock = near + (counter - near + modulus // 2) % modulus - modulus // 2
         return next_one if next_one == by_clock else None
 
-    def _told(self, heard: Heard, time: int) -> None:
+    def _told(self, heard: ReceivedMessage, time: int) -> None:
         """The board says how many samples there have been; that of the next frames is this one."""
         if self._numbered is not None:
             return

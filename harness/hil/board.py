@@ -16,17 +16,18 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.can.boardnode import BoardNode
-from harness.can.mischief import Fault
-from harness.errors import SteadytipError, StoppedError
+from harness.can.device_node import DeviceNode
+from harness.can.fault_injection import Fault
+from harness.common.errors import SteadytipError, StoppedError
 from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter
-from harness.loop import Outcome, Pace
-from harness.parts.board import BoardPart
-from harness.result import Result
-from harness.runs import perform
-from harness.scenario import PartTable, Scenario, Signals, Wire
-from harness.system import absent, assemble
+from harness.loop.loop import LoopOutcome, RealTimeClock
+from harness.parts.can.board import BoardPart
+from harness.results.result import Result
+from harness.running import perform
+from harness.scenario.replaced import replaced_parts
+from harness.scenario.schema import PartTable, Scenario, SignalRoles, Wire
+from harness.system.assembly import assemble
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,7 +62,7 @@ def _world(scenario: Scenario) -> tuple[str, set[str]]:
             f"{scenario.name} does not say what '{name}' is when it is not on a bus: make it "
             f"extend a scenario in which it is an FMU, or write part.{name}.stands_for"
         )
-    world = {name, *absent(scenario)}
+    world = {name, *replaced_parts(scenario)}
     grown = True
     while grown:
         more = {
@@ -114,7 +115,7 @@ def world_scenario(scenario: Scenario, command: Path | None = None) -> Scenario:
         )
     }
     return dataclasses.replace(
-        scenario, parts=parts, wires=tuple(wires), signals=Signals(**roles), settle=0.0
+        scenario, parts=parts, wires=tuple(wires), signals=SignalRoles(**roles), settle=0.0
     )
 
 
@@ -165,7 +166,7 @@ def board_scenario(
 
 
 class _Pace:
-    """Ticks by the board's clock; see `harness.loop.Pace`."""
+    """Ticks by the board's clock; see `harness.loop.loop.RealTimeClock`."""
 
     def __init__(self, board: BoardPart, priority: int, ready: Callable[[], None]) -> None:
         self.name = board.name
@@ -176,7 +177,7 @@ class _Pace:
         self._over = False
 
     @property
-    def _node(self) -> BoardNode:
+    def _node(self) -> DeviceNode:
         assert self._board.node is not None
         return self._board.node
 
@@ -202,19 +203,19 @@ class _Pace:
 
 
 class _Rig:
-    """See `harness.runs.Rig`."""
+    """See `harness.running.HilSession`."""
 
-    def __init__(self, pace: Pace, ring: RingWriter | None) -> None:
-        self.pace: Pace = pace
+    def __init__(self, pace: RealTimeClock, ring: RingWriter | None) -> None:
+        self.pace: RealTimeClock = pace
         self.observe = ring.append if ring is not None else None
         self._ring = ring
 
-    def closed(self, outcome: Outcome) -> dict[str, Any]:
+    def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
         if self._ring is not None:
             self._ring.close()
         return {}
 
-    def beside(self) -> tuple[pa.Table | None, dict[str, Any]]:
+    def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
         return None, {}
 
 

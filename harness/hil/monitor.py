@@ -24,10 +24,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.errors import SteadytipError, nearest
+from harness.common.errors import SteadytipError, nearest
 
 if TYPE_CHECKING:
-    from harness.hil.live import Live
+    from harness.hil.monitor_view import Live
 
 __all__ = ["Monitor", "main", "start_monitor"]
 
@@ -217,7 +217,7 @@ def _serve(options: argparse.Namespace, stop: threading.Event) -> None:
     roles = _roles(options.role)
     # NumPy's library starts as many threads as there are cores, unless told before it is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from harness.hil.live import Live
+    from harness.hil.monitor_view import Live
 
     live = Live(options.rings, roles)
     end = time.monotonic() + options.wait
@@ -254,7 +254,7 @@ def _open(live: Live, end: float, wait: float) -> None:
 
 
 def _watch(live: Live, stop: threading.Event, end: float, options: argparse.Namespace) -> None:
-    from harness.hil.live import SILENT, State
+    from harness.hil.monitor_view import SILENT, State
     from harness.hil.page import PERIOD
 
     alive = time.monotonic()  # the loop, or the parent, which may yet start one

@@ -20,13 +20,13 @@ import plotly.graph_objects as go
 from dash import dcc, html
 from plotly.subplots import make_subplots
 
-from harness.display import shown
-from harness.hil.live import MODES, WINDOW, Live, State, View, histogram
-from harness.metrics import TREMOR_BAND
-from harness.parts import FloatArray
+from harness.common.quantities import format_quantity
+from harness.common.types import FloatArray
+from harness.hil.monitor_view import MODES, WINDOW, Live, State, View, histogram
 from harness.report.figures import colour, three_rows
 from harness.report.page import page_text
 from harness.report.plots import GREY, SERIES, layout, line, thinned
+from harness.results.metrics import TREMOR_BAND
 
 __all__ = ["PERIOD", "application"]
 
@@ -94,7 +94,7 @@ def application(live: Live) -> dash.Dash:
     app.clientside_callback(
         f"""(beats, shown) => {{
             const last = window.steadytip ??= {{}}, now = Date.now();
-            if (last.shown !== shown) {{ last.shown = shown; last.at = now; }}
+            if (last.shown !== shown) {{ last.shown = format_quantity; last.at = now; }}
             return now - last.at > {_GONE * 1e3:g}
                 ? "The monitor no longer answers. What is below is old." : "";
         }}""",
@@ -405,7 +405,11 @@ def _tiles(view: View) -> list[html.Div]:
             metric = view.tip.metrics.get(name)
             if metric is not None:
                 tiles.append(
-                    _tile(" ".join(shown(metric.value, metric.unit)), words, metric.definition)
+                    _tile(
+                        " ".join(format_quantity(metric.value, metric.unit)),
+                        words,
+                        metric.definition,
+                    )
                 )
     if view.latency is not None and len(view.latency):
         half, most = np.quantile(view.latency, [0.5, 0.99]) * _MICRO

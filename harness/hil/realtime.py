@@ -44,7 +44,7 @@ class Conditions:
         self.reason = ""
         self.stolen: float | None = None
 
-    def facts(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """For the record; JSON types only."""
         return {"priority": self.priority, "reason": self.reason, "stolen": self.stolen}
 

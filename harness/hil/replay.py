@@ -13,20 +13,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness import scenario as scenarios
+from harness.can.channel import Address, State
+from harness.can.controller_node import TURN, ControllerNode, Outgoing, Turn
 from harness.can.database import Database
-from harness.can.medium import Address, State
-from harness.can.node import TURN, LoopNode, Outgoing, Turn
-from harness.errors import SteadytipError
+from harness.can.frame_log import Entry, read_log
+from harness.can.timing import Timing
+from harness.common.errors import SteadytipError
 from harness.hil.board import part_on_bus
-from harness.hil.journal import Entry, read_log
-from harness.loop import Outcome, Pace, Progress
-from harness.parts.can import FeedPart
-from harness.record import PARQUET
-from harness.result import Result
-from harness.runs import perform
-from harness.scenario import Hil
-from harness.system import assemble
+from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
+from harness.parts.can.feed import FeedPart
+from harness.results.recorder import PARQUET
+from harness.results.result import Result
+from harness.running import perform
+from harness.scenario import load as scenarios
+from harness.system.assembly import assemble
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -58,11 +58,11 @@ class Replay:
         return not self.differing and not self.changed
 
 
-class _LoggedNode(LoopNode):
+class _LoggedNode(ControllerNode):
     """A node whose bus is a log."""
 
     def __init__(
-        self, database: Database, name: str, policy: Hil, step: float, entries: Generator[Entry]
+        self, database: Database, name: str, policy: Timing, step: float, entries: Generator[Entry]
     ) -> None:
         super().__init__(database, name, Address(None, None), policy, step)
         self._entries = entries
@@ -140,18 +140,18 @@ class _Pace:
 
 
 class _Rig:
-    """See `harness.runs.Rig`."""
+    """See `harness.running.HilSession`."""
 
-    def __init__(self, pace: Pace, feed: FeedPart) -> None:
-        self.pace: Pace = pace
+    def __init__(self, pace: RealTimeClock, feed: FeedPart) -> None:
+        self.pace: RealTimeClock = pace
         self.observe = None
         self._feed = feed
 
-    def closed(self, outcome: Outcome) -> dict[str, Any]:
+    def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
         node = self._feed.node
-        return {"hil": {"conditions": {}, "notes": [], **({} if node is None else node.facts())}}
+        return {"hil": {"conditions": {}, "notes": [], **({} if node is None else node.metadata())}}
 
-    def beside(self) -> tuple[pa.Table | None, dict[str, Any]]:
+    def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
         return None, {}
 
 
@@ -187,8 +187,8 @@ def replay(
                 f"there is no {PARQUET} beside {log} that tells the scenario: name it, as in "
                 "steadytip replay LOG closed_loop_can"
             )
-        scenario = before.facts["scenario_file"]
-        overrides = {**before.facts["overrides"], **(overrides or {})}
+        scenario = before.metadata["scenario_file"]
+        overrides = {**before.metadata["overrides"], **(overrides or {})}
     checked = scenarios.load(scenario, overrides)
     name = part_on_bus(checked)
     system = assemble(checked, None, status)

@@ -37,9 +37,10 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.errors import RecordError, SteadytipError
-from harness.parts import FloatArray
-from harness.record import Column, reason, replacing
+from harness.common.errors import RecordError, SteadytipError
+from harness.common.files import reason, replacing
+from harness.common.types import FloatArray
+from harness.parts.ports import Column
 
 __all__ = ["CAPACITY", "IntArray", "Ring", "RingWriter", "memory_folder", "no_ring"]
 

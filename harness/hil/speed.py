@@ -18,12 +18,12 @@ import numpy as np
 
 from harness.can.codec import Codec
 from harness.can.database import Database, Message, load
-from harness.can.pacing import sleep_until
-from harness.errors import SteadytipError
+from harness.can.precise_sleep import sleep_until
+from harness.common.errors import SteadytipError
+from harness.common.figures import Figure
 from harness.hil.realtime import realtime
-from harness.hil.run import hil
-from harness.reproduce.item import Figure
-from harness.scenario import Hil
+from harness.hil.session import hil
+from harness.scenario.schema import Hil
 
 __all__ = ["LINKS", "Link", "codec_figures", "loop_figures", "pacing_figures"]
 
@@ -87,7 +87,7 @@ def loop_figures(
     }
     with TemporaryDirectory(prefix="steadytip-bench-", ignore_cleanup_errors=True) as folder:
         result = hil(SCENARIO, overrides=overrides, out=Path(folder), report=False, status=status)
-        metrics, conditions = result.metrics, result.facts["hil"]["conditions"]
+        metrics, conditions = result.metrics, result.metadata["hil"]["conditions"]
     if not _TIMES.keys() <= metrics.keys():
         raise SteadytipError(f"{link}: no sample of {seconds:g} s came in time to be measured")
     setting = f"{SCENARIO}, {link}, {seconds:g} s, {_words(conditions)}"
@@ -118,7 +118,7 @@ def pacing_figures(priority: int, seconds: float) -> list[Figure]:
             instant = begun + round(tick * _PACED * 1e9)
             sleep_until(instant)
             late[tick] = time.monotonic_ns() - instant
-    setting = f"1 kHz, {seconds:g} s, {_words(conditions.facts())}"
+    setting = f"1 kHz, {seconds:g} s, {_words(conditions.metadata())}"
     return [
         Figure(_SOURCE, f"pacing, late by, {words}", "us", None, value, setting)
         for words, value in (

@@ -21,10 +21,11 @@ from typing import Any
 from fmpy import read_model_description, sharedLibraryExtension
 from fmpy.model_description import ModelDescription, ModelVariable, ValidationError
 
-from harness import archives
-from harness.errors import SteadytipError
-from harness.parts import DIMENSIONLESS, Port, PortType, Unit
-from harness.xmlfiles import MOST_BYTES, parse_xml
+from harness.common import archives
+from harness.common.errors import SteadytipError
+from harness.common.types import PortType
+from harness.common.xml_files import MOST_BYTES, parse_xml
+from harness.parts.ports import DIMENSIONLESS, Port, Unit
 
 _PORT_TYPES: dict[str, PortType] = {
     "Real": "Real",

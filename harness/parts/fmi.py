@@ -28,11 +28,12 @@ from fmpy.fmi2 import (
     fmi2FMUstate,
 )
 
-from fmu_src.kit import range_text
-from harness.archives import ArchiveError, extract
-from harness.errors import FaultError
-from harness.parts import Access, Calls, FloatArray
+from fmu_src.errors import range_text
+from harness.common.archives import ArchiveError, extract
+from harness.common.errors import FaultError
+from harness.common.types import FloatArray
 from harness.parts.description import Description, Variable
+from harness.parts.protocols import FmuCalls, TypedAccess
 
 OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
 _STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
@@ -118,7 +119,7 @@ class Instance:
         self._messages = _logs.setdefault(self._environment, deque(maxlen=_KEPT_MESSAGES))
         self._status = OK
         self.warnings: tuple[str, ...] = ()
-        self.calls: Calls | None = None
+        self.calls: FmuCalls | None = None
         self._alive: list[Any] = []
         folder = unpack(description, workspace)
         try:
@@ -146,7 +147,7 @@ class Instance:
         self,
         stop: float,
         start_values: Mapping[str, Any],
-        preset: Sequence[str],
+        initialised: Sequence[str],
         preset_values: FloatArray,
     ) -> None:
         """Set start values, go through initialisation mode with the inputs that are known.
@@ -154,7 +155,7 @@ class Instance:
         Args:
             stop: end of the run [s].
             start_values: by variable name.
-            preset: inputs whose value is known before the first step.
+            initialised: inputs whose value is known before the first step.
             preset_values: (len(preset),) those values.
 
         Raises:
@@ -165,7 +166,7 @@ class Instance:
             self._set_one(self._description.variables[name], value)
         self._call("SetupExperiment", fmu.setupExperiment, startTime=0.0, stopTime=stop)
         self._call("EnterInitializationMode", fmu.enterInitializationMode)
-        for name, value in zip(preset, preset_values, strict=True):
+        for name, value in zip(initialised, preset_values, strict=True):
             self._set_one(self._description.variables[name], value)
         self._call("ExitInitializationMode", fmu.exitInitializationMode)
         texts = [message.text for message in self._messages if message.status == WARNING]
@@ -173,7 +174,7 @@ class Instance:
 
     def stepper(
         self,
-        driven: Sequence[str],
+        connected: Sequence[str],
         u: FloatArray,
         y: FloatArray,
         returns: bool = False,
@@ -184,7 +185,7 @@ class Instance:
         What that function does is in `calls` for those who do the same without Python.
 
         Args:
-            driven: names of inputs, Real ones first, then Integer, then Boolean.
+            connected: names of inputs, Real ones first, then Integer, then Boolean.
             u: (len(driven),) where their values will be.
             y: (outputs,) where the outputs go.
             returns: whether a saved state may be restored later; the standard has this told to
@@ -196,7 +197,7 @@ class Instance:
             `advance(t, h)`; it raises FaultError.
         """
         self._alive.clear()  # of an earlier stepper, which is not called any more
-        setters = self._accessors("Set", [self._description.variables[n] for n in driven], u)
+        setters = self._accessors("Set", [self._description.variables[n] for n in connected], u)
         read_names = outputs or [port.name for port in self._description.outputs]
         getters = self._accessors("Get", [self._description.variables[n] for n in read_names], y)
         component = self._fmu.component
@@ -207,11 +208,11 @@ class Instance:
 
         def blame(call: int, status: int) -> None:
             if call < len(setters):
-                refused(driven, u, status)
+                refused(connected, u, status)
             names = ["DoStep", *(g[0].__name__.removeprefix("fmi2") for g in getters)]
             failed(names[call - len(setters)], status)
 
-        self.calls = Calls(
+        self.calls = FmuCalls(
             component=component,
             set=_addresses(setters),
             do_step=_address(do_step),
@@ -234,7 +235,7 @@ class Instance:
                     buffer[:] = values
                 status = function(component, references, count, pointer)
                 if status > WARNING:
-                    refused(driven, u, status)
+                    refused(connected, u, status)
             status = do_step(component, t, h, never_returns)
             if status > WARNING:
                 failed("DoStep", status)
@@ -356,16 +357,16 @@ class Instance:
         self._status = max(self._status, status)
         raise FaultError(f"fmi2{name} returned {_status_name(status)}{self._said()}")
 
-    def _refused(self, driven: Sequence[str], u: FloatArray, status: int) -> None:
+    def _refused(self, connected: Sequence[str], u: FloatArray, status: int) -> None:
         """Say which input was refused: the first that is out of its range, or refused alone."""
         self._status = max(self._status, status)
-        for name, value in zip(driven, u.tolist(), strict=True):
+        for name, value in zip(connected, u.tolist(), strict=True):
             variable = self._description.variables[name]
             if not math.isfinite(value) or not variable.low <= value <= variable.high:
                 raise FaultError(self._refusal(variable, value, status))
         # After Discard the standard lets one go on calling; after Error it does not.
         if status == DISCARD:
-            for name, value in zip(driven, u.tolist(), strict=True):
+            for name, value in zip(connected, u.tolist(), strict=True):
                 self._set_one(self._description.variables[name], value)
         raise FaultError(f"an input was refused with {_status_name(status)}{self._said()}")
 
@@ -391,9 +392,9 @@ def _address(function: Any) -> int:
     return ctypes.cast(function, ctypes.c_void_p).value or 0
 
 
-def _addresses(accessors: Sequence[tuple[Any, ...]]) -> tuple[Access, ...]:
+def _addresses(accessors: Sequence[tuple[Any, ...]]) -> tuple[TypedAccess, ...]:
     return tuple(
-        Access(
+        TypedAccess(
             function=_address(function),
             references=references,
             count=count,

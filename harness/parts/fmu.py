@@ -10,12 +10,15 @@ from typing import Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
 
-from fmu_src.kit import range_text
-from harness.errors import FaultError, ProblemsError, nearest
-from harness.parts import Calls, FloatArray, Port, Run, Settings, is_path
+from fmu_src.errors import range_text
+from harness.common.errors import FaultError, ProblemsError, nearest
+from harness.common.files import is_path
+from harness.common.types import FloatArray
 from harness.parts.description import Description, Variable, describe
 from harness.parts.fmi import Instance
 from harness.parts.isolated import IsolatedInstance
+from harness.parts.ports import Port
+from harness.parts.protocols import FmuCalls, RunContext, Settings
 from harness.parts.ssv import read_ssv
 
 _Value = float | int | bool | str
@@ -120,31 +123,33 @@ class FmuPart:
 
     def start(
         self,
-        run: Run,
-        driven: Sequence[str],
-        preset: Sequence[bool],
+        run: RunContext,
+        connected: Sequence[str],
+        initialised: Sequence[bool],
         u: FloatArray,
         y: FloatArray,
     ) -> None:
-        """Load, instantiate and initialise the FMU; see `harness.parts.Part.start`."""
+        """Load, instantiate and initialise the FMU; see `Part.start`."""
         if run.first == 0:
             self._begin(run).begin(
                 stop=run.steps * run.step,
                 start_values=self.start_values,
-                preset=[name for name, there in zip(driven, preset, strict=True) if there],
-                preset_values=u[np.asarray(preset, dtype=bool)] if len(driven) else u,
+                initialised=[
+                    name for name, there in zip(connected, initialised, strict=True) if there
+                ],
+                preset_values=u[np.asarray(initialised, dtype=bool)] if len(connected) else u,
             )
         assert self._instance is not None
         self.warnings = self._instance.warnings
         # The loop calls the instance's own function: one Python frame less per part and tick.
         if isinstance(self._instance, Instance):
             names = [port.name for port in self.outputs]
-            self.advance = self._instance.stepper(driven, u, y, self._returns, names)  # type: ignore
+            self.advance = self._instance.stepper(connected, u, y, self._returns, names)  # type: ignore
         else:
-            self.advance = self._instance.stepper(driven, u, y, self._returns)  # type: ignore
+            self.advance = self._instance.stepper(connected, u, y, self._returns)  # type: ignore
 
     def advance(self, t: float, h: float) -> None:
-        """See `harness.parts.Part.advance`; replaced by the instance's own function in `start`."""
+        """See `Part.advance`; replaced by the instance's own function in `start`."""
         raise FaultError(f"was asked for t = {t:g} s, h = {h:g} s before it was started")
 
     def show(self, names: Collection[str]) -> None:
@@ -155,7 +160,7 @@ class FmuPart:
         """
         self.outputs = tuple(port for port in self.outputs if port.name in names)
 
-    def _begin(self, run: Run) -> Instance | IsolatedInstance:
+    def _begin(self, run: RunContext) -> Instance | IsolatedInstance:
         """An instance as new: an earlier run's, if that has left it in order."""
         if isinstance(self._instance, Instance) and not self.worn:
             self._instance.reset()
@@ -171,11 +176,11 @@ class FmuPart:
         return isinstance(self._instance, Instance) and self._instance.worn
 
     def can_pause(self) -> bool:
-        """See `harness.parts.Reusable`: not in a process of its own."""
+        """See `Reusable`: not in a process of its own."""
         return not self._isolate
 
     def trouble_with(self, name: str, value: Any) -> str:
-        """See `harness.parts.Adjustable`: only what the FMU declares as tunable, and inputs."""
+        """See `Adjustable`: only what the FMU declares as tunable, and inputs."""
         variables = self.description.variables
         if name not in variables:
             free = [v.name for v in variables.values() if v.tunable]
@@ -185,37 +190,37 @@ class FmuPart:
         return _trouble(variables[name], value)
 
     def adjust(self, values: Mapping[str, Any]) -> None:
-        """See `harness.parts.Adjustable`."""
+        """See `Adjustable`."""
         assert isinstance(self._instance, Instance)
         self._instance.adjust(values)
 
-    def march(self) -> Calls | None:
-        """See `harness.parts.Marching`: an FMU in this process does, an isolated one does not."""
+    def native_step(self) -> FmuCalls | None:
+        """See `Marching`: an FMU in this process does, an isolated one does not."""
         return self._instance.calls if isinstance(self._instance, Instance) else None
 
     def prepare_to_return(self) -> bool:
-        """See `harness.parts.Restorable`: the FMU says whether it can, and not out of process."""
+        """See `Restorable`: the FMU says whether it can, and not out of process."""
         model = self.description.model.coSimulation
         self._returns = bool(model.canGetAndSetFMUstate) and not self._isolate
         return self._returns
 
     def save(self) -> Any:
-        """See `harness.parts.Restorable`."""
+        """See `Restorable`."""
         assert isinstance(self._instance, Instance)
         return self._instance.save()
 
     def restore(self, saved: Any) -> None:
-        """See `harness.parts.Restorable`."""
+        """See `Restorable`."""
         assert isinstance(self._instance, Instance)
         self._instance.restore(saved)
 
     def free(self, saved: Any) -> None:
-        """See `harness.parts.Restorable`."""
+        """See `Restorable`."""
         assert isinstance(self._instance, Instance)
         self._instance.free(saved)
 
     def kill(self) -> bool:
-        """See `harness.parts.Killable`: an isolated FMU can be ended, another one cannot."""
+        """See `Killable`: an isolated FMU can be ended, another one cannot."""
         if not isinstance(self._instance, IsolatedInstance):
             return False
         self._instance.kill()
@@ -227,12 +232,12 @@ class FmuPart:
             self.release()
 
     def release(self) -> None:
-        """See `harness.parts.Reusable`."""
+        """See `Reusable`."""
         if self._instance is not None:
             self._instance.close()
             self._instance = None
 
-    def facts(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """File, identity and start values."""
         model = self.description.model
         return {

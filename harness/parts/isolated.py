@@ -1,7 +1,7 @@
 """An FMU in a process of its own: nothing that it does there, not even a crash, ends the run's.
 
     clock    (2,)  t, h of the step                                [s]
-    u, y           inputs and outputs, as in `harness.parts.Part`
+    u, y           inputs and outputs, as in `Part`
     request        what is wanted: STEP, CALL with the call on the connection, or CLOSE
     failed         whether it went wrong; then the words are on the connection
 
@@ -24,8 +24,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.errors import FaultError
-from harness.parts import FloatArray
+from harness.common.errors import FaultError
+from harness.common.types import FloatArray
 from harness.parts.description import Description
 from harness.parts.fmi import Instance, Stepper
 
@@ -88,7 +88,7 @@ class IsolatedInstance:
         self,
         stop: float,
         start_values: Mapping[str, Any],
-        preset: Sequence[str],
+        initialised: Sequence[str],
         preset_values: FloatArray,
     ) -> None:
         """See `harness.parts.fmi.Instance.begin`.
@@ -97,16 +97,16 @@ class IsolatedInstance:
             FaultError: the FMU does not load, refuses something, or its process ended.
         """
         self._wait("its instantiation")
-        self._call("begin", stop, dict(start_values), list(preset), np.array(preset_values))
+        self._call("begin", stop, dict(start_values), list(initialised), np.array(preset_values))
         self.warnings: tuple[str, ...] = self._connection.recv()
 
     def stepper(
-        self, driven: Sequence[str], u: FloatArray, y: FloatArray, returns: bool = False
+        self, connected: Sequence[str], u: FloatArray, y: FloatArray, returns: bool = False
     ) -> Stepper:
         """See `harness.parts.fmi.Instance.stepper`; states are not saved out of process."""
         assert not returns
-        self._call("stepper", list(driven))
-        shared_u = np.frombuffer(self._u)[: len(driven)]
+        self._call("stepper", list(connected))
+        shared_u = np.frombuffer(self._u)[: len(connected)]
         shared_y = np.frombuffer(self._y)[: len(y)]
         self._request.value = _STEP
         clock, go, acquire = self._clock, self._go.release, self._done.acquire
@@ -229,8 +229,8 @@ def _serve(
             if verb == "begin":
                 attempt(begin, *arguments)
             else:
-                (driven,) = arguments
-                advance = attempt(instance.stepper, driven, inputs[: len(driven)], outputs)
+                (connected,) = arguments
+                advance = attempt(instance.stepper, connected, inputs[: len(connected)], outputs)
         else:
             instance.close()
             return

@@ -16,10 +16,12 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from harness.errors import FaultError, ProblemsError, SteadytipError, nearest
-from harness.parts import FloatArray, Port, PortType, Run, Settings, unit_of
+from harness.common.errors import FaultError, ProblemsError, SteadytipError, nearest
+from harness.common.types import FloatArray, PortType
+from harness.parts.ports import Port, unit_of
+from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
-from harness.record import read_schema, read_table, values_of
+from harness.recordings.run_record import read_schema, read_table, values_of
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
 
@@ -80,13 +82,13 @@ class RecordedPart(RowsPart):
 
     def start(
         self,
-        run: Run,
-        driven: Sequence[str],
-        preset: Sequence[bool],
+        run: RunContext,
+        connected: Sequence[str],
+        initialised: Sequence[bool],
         u: FloatArray,
         y: FloatArray,
     ) -> None:
-        """See `harness.parts.Part.start`."""
+        """See `Part.start`."""
         wanted = np.arange(len(self._time)) * run.step
         if not np.allclose(self._time, wanted, rtol=0.0, atol=run.step / 10):
             raise FaultError(
@@ -95,6 +97,6 @@ class RecordedPart(RowsPart):
         self.y = y
         self.y[:] = self.rows[0]
 
-    def facts(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """File and length."""
         return {"kind": "recorded", "file": self._path.name, "seconds": self.seconds}

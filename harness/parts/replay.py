@@ -13,10 +13,12 @@ from typing import Any
 
 import numpy as np
 
-from harness.errors import ProblemsError
-from harness.parts import FloatArray, Port, Run, Settings, Unit
-from harness.parts.recording import read_recording
+from harness.common.errors import ProblemsError
+from harness.common.types import FloatArray
+from harness.parts.ports import Port, Unit
+from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
+from harness.recordings.motion import read_recording
 
 _DEGREE = 5
 _METRE = Unit("m", (0, 1, 0, 0, 0, 0, 0, 0))
@@ -63,13 +65,13 @@ class ReplayPart(RowsPart):
 
     def start(
         self,
-        run: Run,
-        driven: Sequence[str],
-        preset: Sequence[bool],
+        run: RunContext,
+        connected: Sequence[str],
+        initialised: Sequence[bool],
         u: FloatArray,
         y: FloatArray,
     ) -> None:
-        """Evaluate the spline at all ticks of the run; see `harness.parts.Part.start`."""
+        """Evaluate the spline at all ticks of the run; see `Part.start`."""
         self.y = y
         if self._evaluated == (run.steps, run.step):
             self.y[:] = self.rows[0]
@@ -83,7 +85,7 @@ class ReplayPart(RowsPart):
         self.rows[:, :-1] = np.hstack([spline(t, nu) for nu in range(len(_VECTORS))])
         self.y[:] = self.rows[0]
 
-    def facts(self) -> dict[str, Any]:
+    def metadata(self) -> dict[str, Any]:
         """File and length."""
         return {
             "kind": "replay",

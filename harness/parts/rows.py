@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 
-from harness.parts import FloatArray, Port, Rows, Settings
+from harness.common.types import FloatArray
+from harness.parts.ports import Port
+from harness.parts.protocols import OutputTable, Settings
 
 
 class RowsPart:
@@ -30,16 +32,16 @@ class RowsPart:
         return settings
 
     def advance(self, t: float, h: float) -> None:
-        """Put out the row of `t`; see `harness.parts.Part.advance`."""
+        """Put out the row of `t`; see `Part.advance`."""
         self.y[:] = self.rows[min(round(t / h), len(self.rows) - 1)]
 
     def can_pause(self) -> bool:
-        """See `harness.parts.Reusable`: what it puts out depends on the time alone."""
+        """See `Reusable`: what it puts out depends on the time alone."""
         return True
 
-    def march(self) -> Rows:
-        """See `harness.parts.Marching`."""
-        return Rows(self.rows)
+    def native_step(self) -> OutputTable:
+        """See `Marching`."""
+        return OutputTable(self.rows)
 
     def release(self) -> None:
         """Nothing has to be freed."""

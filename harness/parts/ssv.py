@@ -9,9 +9,9 @@ from typing import Any
 
 from lxml import etree
 
-from harness.errors import SteadytipError
-from harness.parts import Unit
-from harness.ssp import markup
+from harness.common.errors import SteadytipError
+from harness.parts import ssp_markup as markup
+from harness.parts.ports import Unit
 
 __all__ = ["SsvValue", "find_values", "read_ssv", "write_ssv"]
 

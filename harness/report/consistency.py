@@ -9,10 +9,10 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from harness.consistency import LEVEL, Consistency, mean_interval
-from harness.parts import FloatArray
+from harness.common.types import FloatArray
 from harness.report.page import Plot
 from harness.report.plots import GREY, SERIES, flats, layout, line, thinned
+from harness.results.consistency import LEVEL, Consistency, mean_interval
 
 __all__ = ["consistency_plots"]
 

@@ -10,11 +10,11 @@ import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 from scipy import signal
 
-from harness.display import DISPLAY
-from harness.metrics import TREMOR_BAND, Motion, angle_between, intent_of
-from harness.parts import FloatArray
+from harness.common.quantities import DISPLAY
+from harness.common.types import FloatArray
 from harness.report.page import Plot
 from harness.report.plots import GREY, SERIES, layout, line, thinned
+from harness.results.metrics import TREMOR_BAND, Motion, angle_between, intent_of
 
 __all__ = ["SPECTRUM_WINDOW", "amplitude_density", "colour", "figures", "three_rows"]
 

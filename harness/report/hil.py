@@ -9,16 +9,16 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from harness.can.mischief import parse
+from harness.can.fault_injection import parse
 from harness.can.reception import FAULTS, PER_MESSAGE
-from harness.display import shown
-from harness.hil.figures import feed_of, latencies, wakings
-from harness.hil.reactions import Trouble, mode_of, troubles
-from harness.hil.verdict import judge
-from harness.parts import FloatArray
+from harness.common.quantities import format_quantity
+from harness.common.types import FloatArray
 from harness.report.page import Plot, Section, Table
 from harness.report.plots import GREY, SERIES, flats, layout, line, thinned
-from harness.result import Result
+from harness.results.can_feed import feed_of, latencies, wakings
+from harness.results.fault_episodes import Trouble, mode_of, troubles
+from harness.results.limits import judge
+from harness.results.result import Result
 
 __all__ = ["hil_sections"]
 
@@ -36,18 +36,18 @@ _UNIT = 1e3  # ms
 
 def hil_sections(result: Result) -> Iterator[Section]:
     """One section for a run on the wall clock, none for others."""
-    facts = result.facts.get("hil")
-    if facts is None:
+    metadata = result.metadata.get("hil")
+    if metadata is None:
         return
     feed = feed_of(result)
-    tables = [_conditions(result, facts, feed)]
+    tables = [_conditions(result, metadata, feed)]
     plots: list[Plot] = []
     text = ["Ticks were paced by this machine's clock; there is no bus."]
-    if feed is not None and "messages" in facts:
+    if feed is not None and "messages" in metadata:
         found = troubles(result)
-        tables += [_messages(facts), *([_reactions(found)] if found else [])]
+        tables += [_messages(metadata), *([_reactions(found)] if found else [])]
         tables.append(_checks(result))
-        text = [_sentence(facts, found)]
+        text = [_sentence(metadata, found)]
         if len(result.time) > 1:
             plots = [*_durations(result, feed), _course(result, feed)]
     yield Section(
@@ -55,21 +55,21 @@ def hil_sections(result: Result) -> Iterator[Section]:
         tuple(text),
         tuple(tables),
         tuple(plots),
-        "\n".join(facts["notes"]),
+        "\n".join(metadata["notes"]),
     )
 
 
 def _words(seconds: float) -> str:
     """A time with its unit."""
-    return " ".join(shown(seconds, "s"))
+    return " ".join(format_quantity(seconds, "s"))
 
 
 def _number(count: int, what: str) -> str:
     return f"{count} {what}{'' if count == 1 else 's'}"
 
 
-def _sentence(facts: Mapping[str, Any], found: Sequence[Trouble]) -> str:
-    counted = [f"{kind} {count}" for kind, count in facts["counts"].items() if count]
+def _sentence(metadata: Mapping[str, Any], found: Sequence[Trouble]) -> str:
+    counted = [f"{kind} {count}" for kind, count in metadata["counts"].items() if count]
     held = sum(trouble.held for trouble in found)
     invalid = sum(trouble.invalid for trouble in found)
     return (
@@ -88,24 +88,24 @@ def _drift(drift: float | None) -> str:
     return f"{abs(1e6 * drift):.1f} ppm {'slow' if drift > 0.0 else 'fast'}"
 
 
-def _conditions(result: Result, facts: Mapping[str, Any], feed: str | None) -> Table:
-    rows = [("scheduling", _scheduling(facts["conditions"]))]
-    stolen = facts["conditions"].get("stolen")
+def _conditions(result: Result, metadata: Mapping[str, Any], feed: str | None) -> Table:
+    rows = [("scheduling", _scheduling(metadata["conditions"]))]
+    stolen = metadata["conditions"].get("stolen")
     rows.append(("stolen CPU", "not told" if stolen is None else f"{100 * stolen:.2g} %"))
-    if feed is not None and "counts" in facts:
+    if feed is not None and "counts" in metadata:
         rows += [
-            ("clock of the board", _drift(facts["drift"])),
-            ("overruns", _overruns(result, facts["counts"], feed)),
-            ("largest bus load", f"{100 * facts['peak_load']:.0f} %"),
+            ("clock of the board", _drift(metadata["drift"])),
+            ("overruns", _overruns(result, metadata["counts"], feed)),
+            ("largest bus load", f"{100 * metadata['peak_load']:.0f} %"),
         ]
-    injected = facts.get("injected", {})
+    injected = metadata.get("injected", {})
     if injected.get("faults"):
         words = f"{', '.join(injected['faults'])}; seed {injected['seed']}; in the board's time"
         ahead = _board_begun(result, feed) if feed is not None else 0.0
         words += f", {_words(ahead)} ahead of the run's" if ahead else ""
         rows.append(("faults that were asked for", words))
-    if facts.get("log"):
-        rows.append(("log of frames", facts["log"]))
+    if metadata.get("log"):
+        rows.append(("log of frames", metadata["log"]))
     return Table(("the run", ""), tuple(rows))
 
 
@@ -119,7 +119,7 @@ def _scheduling(conditions: Mapping[str, Any]) -> str:
 
 
 def _overruns(result: Result, counts: Mapping[str, int], feed: str) -> str:
-    step = result.facts["step"]
+    step = result.metadata["step"]
     due = result.signals(f"{feed}.due")
     kinds = {
         "tick that took longer than a period": counts["overruns"],
@@ -137,11 +137,11 @@ def _plural(count: int, what: str) -> str:
     return f"{_number(count, thing)} {more}"
 
 
-def _messages(facts: Mapping[str, Any]) -> Table:
+def _messages(metadata: Mapping[str, Any]) -> Table:
     """A row for each message; all ids together have more kinds of faults."""
     rows = [
         (f"0x{counts['id']:03X}", name, *(str(counts[kind]) for kind in PER_MESSAGE))
-        for name, counts in facts["messages"].items()
+        for name, counts in metadata["messages"].items()
     ]
     columns = ("id", "message", *PER_MESSAGE)
     return Table(columns, tuple(rows), frozenset(range(2, len(columns))))
@@ -195,7 +195,7 @@ def _answer(each: Trouble) -> str:
 
 def _board_begun(result: Result, feed: str) -> float:
     """Time of the board at the beginning of the run [s]."""
-    return float(result.signals(f"{feed}.due")[0]) * float(result.facts["step"])
+    return float(result.signals(f"{feed}.due")[0]) * float(result.metadata["step"])
 
 
 def _durations(result: Result, feed: str) -> Iterator[Plot]:
@@ -335,7 +335,7 @@ def _shade(figure: go.Figure, result: Result, feed: str) -> None:
     """Where the emulated board was asked to misbehave."""
     begun, end = _board_begun(result, feed), float(result.time[-1])
     shapes, words = [], []
-    for text in result.facts["hil"].get("injected", {}).get("faults", ()):
+    for text in result.metadata["hil"].get("injected", {}).get("faults", ()):
         fault = parse(text)
         left, right = max(fault.start - begun, 0.0), min(fault.end - begun, end)
         if left >= right:

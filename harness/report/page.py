@@ -14,7 +14,7 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 import fmu_src
-from harness.record import replacing
+from harness.common.files import replacing
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -140,7 +140,7 @@ def write_sections(
     subtitle: str,
     introduction: Iterable[str],
     sections: Iterable[Section],
-    facts: Mapping[str, str],
+    metadata: Mapping[str, str],
 ) -> Path:
     """Write a page of sections.
 
@@ -150,7 +150,7 @@ def write_sections(
         subtitle: the line below it.
         introduction: paragraphs above the sections.
         sections: in their order.
-        facts: how it was made, by name.
+        metadata: how it was made, by name.
     """
     return write_page(
         path,
@@ -159,7 +159,7 @@ def write_sections(
         subtitle,
         introduction=list(introduction),
         sections=ready(sections),
-        facts=dict(facts),
+        metadata=dict(metadata),
     )
 
 

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 import plotly.graph_objects as go
 
-from harness.parts import FloatArray
+from harness.common.types import FloatArray
 
 __all__ = ["GREY", "POINTS", "SERIES", "flats", "layout", "line", "thinned"]
 

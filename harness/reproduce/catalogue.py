@@ -7,7 +7,7 @@ import pkgutil
 import re
 from collections.abc import Iterable, Sequence
 
-import harness.reproduce
+from harness.reproduce import papers
 from harness.reproduce.item import Item
 
 __all__ = ["ALL", "chosen", "items"]
@@ -26,16 +26,12 @@ def items() -> list[Item]:
         SteadytipError: two items with one name.
     """
     found: dict[str, Item] = {}
-    for module in pkgutil.iter_modules(harness.reproduce.__path__):
-        if module.ispkg:
-            continue
-        item = getattr(
-            importlib.import_module(f"{harness.reproduce.__name__}.{module.name}"), "ITEM", None
-        )
+    for module in pkgutil.walk_packages(papers.__path__, f"{papers.__name__}."):
+        item = getattr(importlib.import_module(module.name), "ITEM", None)
         if not isinstance(item, Item):
             continue
         if item.name in found:
-            from harness.errors import SteadytipError
+            from harness.common.errors import SteadytipError
 
             raise SteadytipError(f"{module.name}: another item is called '{item.name}', too")
         found[item.name] = item
@@ -53,7 +49,7 @@ def chosen(names: Sequence[str], known: Iterable[Item]) -> list[Item]:
     Raises:
         ProblemsError: names that nothing is called by, each with the nearest.
     """
-    from harness.errors import ProblemsError, nearest
+    from harness.common.errors import ProblemsError, nearest
 
     known = list(known)
     called: dict[str, list[Item]] = {ALL: known}

@@ -1,70 +1,27 @@
 """What a table or figure of a paper is to this package, and what comes of measuring it again.
 
-An item is declared by its module and run with a `Context`; it gives an `Outcome`: figures beside
+An item is declared by its module and run with a `Context`; it gives an `ItemResult`: figures beside
 those of the paper, plots, and notes. This module is imported for the list of items, so that it
 imports errors, and with them CasADi, only where one is raised.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
+
+from harness.common.figures import Figure
 
 if TYPE_CHECKING:
     from harness.report.page import Plot
 
-__all__ = ["Context", "Figure", "Item", "Outcome"]
+__all__ = ["Context", "Item", "ItemResult"]
 
 
 @dataclass(frozen=True)
-class Figure:
-    """One number, beside the paper's.
-
-    Attributes:
-        source: where the paper has it, as in "A04 table 7.1".
-        quantity: what it is.
-        unit: of `paper` and `measured`, a unit for people such as um; empty for pure numbers.
-        paper: what the paper has; None where it has no number.
-        measured: what this software gives.
-        setting: under which conditions.
-
-    Raises:
-        SteadytipError: a number that is not finite.
-    """
-
-    source: str
-    quantity: str
-    unit: str
-    paper: float | None
-    measured: float
-    setting: str
-
-    def __post_init__(self) -> None:
-        for name, value in (("paper", self.paper), ("measured", self.measured)):
-            if value is not None and not math.isfinite(value):
-                from harness.errors import SteadytipError
-
-                raise SteadytipError(
-                    f"{self.source}, {self.quantity}: '{name}' = {value} must be finite"
-                )
-
-    def entry(self) -> dict[str, Any]:
-        """As an object of the JSON list."""
-        return {
-            "source": self.source,
-            "quantity": self.quantity,
-            "unit": self.unit,
-            "paper": None if self.paper is None else float(self.paper),
-            "measured": float(self.measured),
-            "setting": self.setting,
-        }
-
-
-@dataclass(frozen=True)
-class Outcome:
+class ItemResult:
     """What an item gives.
 
     Attributes:
@@ -101,7 +58,7 @@ class Context:
             SteadytipError: it is not there.
         """
         if self.data is None or not (self.data / folder).is_dir():
-            from harness.errors import SteadytipError
+            from harness.common.errors import SteadytipError
 
             where = f"{self.data} has no folder '{folder}'" if self.data else "there is no folder"
             raise SteadytipError(f"recordings '{folder}': {where}; give theirs with --data FOLDER")
@@ -126,7 +83,7 @@ class Item:
     source: str
     title: str
     group: str
-    run: Callable[[Context], Outcome]
+    run: Callable[[Context], ItemResult]
     recordings: tuple[str, ...] = field(default=())
     aliases: tuple[str, ...] = field(default=())
 

@@ -6,10 +6,10 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from harness.errors import SteadytipError
+from harness.common.errors import SteadytipError
+from harness.parts import ssp_markup as markup
+from harness.parts.ssp_markup import tag
 from harness.parts.ssv import SsvValue, find_values
-from harness.ssp import markup
-from harness.ssp.markup import tag
 from harness.ssp.place import Place
 
 __all__ = ["Transformation", "find_bindings", "transformation"]

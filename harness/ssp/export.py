@@ -17,18 +17,19 @@ from typing import Any
 from lxml import etree
 
 import fmu_src
-from fmu_src.pack import archive
-from harness import scenario as scenarios
-from harness.errors import ProblemsError, SteadytipError
-from harness.parts import Part, Port, Unit
+from fmu_src.pack.fmu import archive
+from harness.common.errors import ProblemsError, SteadytipError
+from harness.parts import ssp_markup as markup
 from harness.parts.description import Description
 from harness.parts.fmu import FmuPart
+from harness.parts.ports import Port, Unit
+from harness.parts.protocols import Part
 from harness.parts.ssv import SsvValue, write_ssv
-from harness.ssp import markup
+from harness.scenario import load as scenarios
 from harness.ssp.flatten import FMU_TYPE, SSD
 from harness.ssp.names import file_names
 from harness.ssp.order import Connection, delays, feedthrough, lag, run_order
-from harness.system import System, assemble
+from harness.system.assembly import System, assemble
 
 __all__ = ["export"]
 

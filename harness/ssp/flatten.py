@@ -15,13 +15,13 @@ from typing import Any
 
 from lxml import etree
 
-from harness import archives
-from harness.errors import ProblemsError, SteadytipError
-from harness.parts import Unit
+from harness.common import archives
+from harness.common.errors import ProblemsError, SteadytipError
+from harness.parts import ssp_markup as markup
+from harness.parts.ports import Unit
+from harness.parts.ssp_markup import tag
 from harness.parts.ssv import SsvValue
-from harness.ssp import markup
 from harness.ssp.bindings import Transformation, find_bindings, transformation
-from harness.ssp.markup import tag
 from harness.ssp.place import Place, named
 
 __all__ = ["FMU_TYPE", "SSD", "Component", "Endpoint", "Flat", "Link", "flatten"]

@@ -19,11 +19,11 @@ from typing import Any
 
 import tomli_w
 
-from harness.errors import ProblemsError, SteadytipError
-from harness.parts import Port, Unit
+from harness.common.errors import ProblemsError, SteadytipError
+from harness.parts import ssp_markup as markup
 from harness.parts.description import Description, describe
+from harness.parts.ports import Port, Unit
 from harness.parts.ssv import SsvValue, write_ssv
-from harness.ssp import markup
 from harness.ssp.flatten import Component, Endpoint, Flat, Link, flatten
 from harness.ssp.names import file_names, portable
 from harness.ssp.order import Connection, delays, feedthrough, run_order

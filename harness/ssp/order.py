@@ -21,8 +21,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.parts import Port
-from harness.wiring import stable_order
+from harness.parts.ports import Port
+from harness.system.order import stable_order
 
 __all__ = ["Connection", "delays", "feedthrough", "lag", "run_order"]
 

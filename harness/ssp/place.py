@@ -7,8 +7,8 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from harness.errors import SteadytipError
-from harness.ssp import markup
+from harness.common.errors import SteadytipError
+from harness.parts import ssp_markup as markup
 
 __all__ = ["Place", "named"]
 

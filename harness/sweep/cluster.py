@@ -21,9 +21,9 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import fmu_src
-from harness.errors import SteadytipError
-from harness.sweep.crew import TooLong
-from harness.sweep.stand import Base, Row, Stand
+from harness.common.errors import SteadytipError
+from harness.sweep.executors import TooLong
+from harness.sweep.worker import Base, Row, Worker
 
 try:
     from distributed import Client, Future, WorkerPlugin
@@ -35,7 +35,7 @@ except ImportError:
 if TYPE_CHECKING:
     from harness.sweep.plan import Case
 
-__all__ = ["ClusterCrew", "Luggage"]
+__all__ = ["ClusterExecutor", "Luggage"]
 
 _PATIENCE = 10.0  # s that a scheduler, and its first worker, get to answer
 _LOOK = 1.0  # s between two looks at which workers there are
@@ -80,8 +80,8 @@ class Luggage(WorkerPlugin):
             shutil.rmtree(found[1], ignore_errors=True)
 
 
-class ClusterCrew:
-    """Threads of the workers of a cluster; see `harness.sweep.crew.Crew`."""
+class ClusterExecutor:
+    """Threads of the workers of a cluster; see `harness.sweep.executors.Executor`."""
 
     def __init__(self, address: str, base: Base, timeout: float | None = None) -> None:
         """Connect, and send what all cases need.
@@ -207,6 +207,6 @@ def _perform(name: str, case: Case) -> Row:
     if getattr(_here, "name", None) != name:
         if getattr(_here, "stand", None) is not None:
             _here.stand.close()
-        _here.stand, _here.name = Stand(_bases[name][0]), name
+        _here.stand, _here.name = Worker(_bases[name][0]), name
     row: Row = _here.stand.perform(case)
     return replace(row, worn=False)

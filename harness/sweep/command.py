@@ -8,14 +8,14 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from harness.scenario import Scenario
+    from harness.scenario.schema import Scenario
     from harness.sweep.plan import Case
 
 __all__ = ["command_of", "overrides_of"]
 
 
 def overrides_of(scenario: Scenario, case: Case) -> dict[str, Any]:
-    """What makes the case of the scenario, as `harness.run` takes it; its recording is beside it.
+    """Return what makes the case of the scenario, as `running.run` takes it, without its recording.
 
     Args:
         scenario: that was swept over, with what the command line has replaced in it.

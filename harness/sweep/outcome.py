@@ -14,22 +14,22 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from harness.comparison import RANKED
-from harness.errors import RecordError, SteadytipError
-from harness.record import reason, replacing
+from harness.common.errors import RecordError, SteadytipError
+from harness.common.files import reason, replacing
+from harness.results.variants import RANKED
 from harness.sweep.store import JOURNAL, PAGE, PARQUET, contents, rows
 
 if TYPE_CHECKING:
-    from harness.parts import FloatArray
+    from harness.common.types import FloatArray
     from harness.sweep.statistics import Influence, Summary
 
-__all__ = ["Outcome", "larger_is_better", "read", "write_parquet"]
+__all__ = ["SweepResult", "larger_is_better", "read", "write_parquet"]
 
 _FACTS = b"steadytip"
 _ROWS = 2000  # per group of the Parquet file
 
 
-class Outcome:
+class SweepResult:
     """A sweep, read from its files.
 
     Attributes:
@@ -64,7 +64,7 @@ class Outcome:
         return pa.Table.from_batches(batches, schema)
 
     @cached_property
-    def facts(self) -> Mapping[str, Any]:
+    def metadata(self) -> Mapping[str, Any]:
         """About the sweep: scenario, method, seeds, variables with their units, versions."""
         return dict(json.loads((self.table.schema.metadata or {})[_FACTS]))
 
@@ -86,7 +86,7 @@ class Outcome:
     @property
     def judge(self) -> str | None:
         """Figure that tells the worst runs; None where no run has any."""
-        wanted = [self.facts.get("judge"), *RANKED, *self.figures]
+        wanted = [self.metadata.get("judge"), *RANKED, *self.figures]
         return next((name for name in wanted if name in self.figures), None)
 
     def values(self, column: str) -> FloatArray:
@@ -127,7 +127,7 @@ class Outcome:
             else np.array(self.table.column(axis).to_pylist(), dtype=object)
             for axis in self.axes
         }
-        levels = self.facts["method"] == "grid"
+        levels = self.metadata["method"] == "grid"
         return influences_of(self.values(figure), named, levels)
 
 
@@ -136,7 +136,7 @@ def larger_is_better(figure: str) -> bool:
     return "reduction" in figure or figure.endswith("_inside")
 
 
-def read(path: str | os.PathLike[str]) -> Outcome:
+def read(path: str | os.PathLike[str]) -> SweepResult:
     """Read a sweep back, also one that was cut off.
 
     Args:
@@ -147,20 +147,20 @@ def read(path: str | os.PathLike[str]) -> Outcome:
     """
     folder = Path(path)
     folder = folder.parent if folder.is_file() else folder
-    found = Outcome(folder)
+    found = SweepResult(folder)
     if not found.file.exists():
         raise SteadytipError(f"{folder} holds no sweep: neither {PARQUET} nor {JOURNAL}")
     return found
 
 
-def write_parquet(folder: Path, facts: Mapping[str, Any]) -> Path:
+def write_parquet(folder: Path, metadata: Mapping[str, Any]) -> Path:
     """Turn the journal of a folder into a Parquet file, all at once or not at all.
 
     Raises:
         RecordError: the disk does not take it; the journal is as it was.
     """
     target = folder / PARQUET
-    schema, batches = _batches(folder / JOURNAL, facts)
+    schema, batches = _batches(folder / JOURNAL, metadata)
     try:
         with replacing(target) as part, parquet.ParquetWriter(part, schema) as writer:
             for batch in batches:
@@ -174,10 +174,10 @@ def write_parquet(folder: Path, facts: Mapping[str, Any]) -> Path:
 
 
 def _batches(
-    journal: Path, facts: Mapping[str, Any] | None
+    journal: Path, metadata: Mapping[str, Any] | None
 ) -> tuple[pa.Schema, Iterator[pa.RecordBatch]]:
     own, figures, places = contents(journal)
-    schema = _schema(own if facts is None else facts, figures)
+    schema = _schema(own if metadata is None else metadata, figures)
 
     def batches() -> Iterator[pa.RecordBatch]:
         lines = rows(journal, places)
@@ -192,7 +192,7 @@ def _flat(line: Mapping[str, Any]) -> dict[str, Any]:
     return {**line, **line["drawn"], **line["metrics"]}
 
 
-def _schema(facts: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) -> pa.Schema:
+def _schema(metadata: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) -> pa.Schema:
     def field(name: str, kind: pa.DataType, unit: str = "", **more: str) -> pa.Field:
         return pa.field(name, kind, metadata={"unit": unit, **more})
 
@@ -200,7 +200,7 @@ def _schema(facts: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) 
         field("run", pa.int32(), description="number of the run"),
         field("seed", pa.int64(), description="seed of the scenario"),
     ]
-    for name, about in facts["variables"].items():
+    for name, about in metadata["variables"].items():
         kind = pa.float64() if about["numeric"] else pa.string()
         fields.append(field(name, kind, about["unit"], role="variable"))
     for name, about in figures.items():
@@ -220,7 +220,7 @@ def _schema(facts: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]]) 
         field("error", pa.string(), description="why it is not ok"),
         field("command", pa.string(), description="runs it again, alone"),
     ]
-    return pa.schema(fields, metadata={_FACTS: json.dumps(dict(facts))})
+    return pa.schema(fields, metadata={_FACTS: json.dumps(dict(metadata))})
 
 
 def numeric(values: Sequence[Any]) -> bool:

@@ -5,17 +5,17 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.comparison import RANKED
-from harness.errors import SteadytipError
-from harness.record import reason
+from harness.common.errors import SteadytipError
+from harness.common.files import reason
 from harness.report.page import Plot, Section, Table, made_with, write_sections
+from harness.results.variants import RANKED
 from harness.sweep import plots
 from harness.sweep.command import toml
 from harness.sweep.outcome import larger_is_better
-from harness.sweep.words import influence_rows, said, summary_rows
+from harness.sweep.text_tables import influence_rows, said, summary_rows
 
 if TYPE_CHECKING:
-    from harness.sweep.outcome import Outcome
+    from harness.sweep.outcome import SweepResult
 
 __all__ = ["write_page"]
 
@@ -26,20 +26,20 @@ _SHOWN = (*RANKED, "tip_rms", "worst_excursion", "attitude_error_rms", "position
 _AGAINST = 4
 
 
-def write_page(found: Outcome) -> Path:
+def write_page(found: SweepResult) -> Path:
     """Write `sweep.html` beside the table.
 
     Raises:
         SteadytipError: the file cannot be written.
     """
-    facts = found.facts
+    metadata = found.metadata
     failed = found.failed
     count = found.table.num_rows
     sections = [*_figures(found), *_dependence(found), *_worst(found), *_failed(found)]
     sections += [_everything(found), _varied(found)]
     introduction = [
-        f"{count} of {facts['runs']} runs, {len(failed)} of them failed. Values and seed of each "
-        f"run follow from the sweep's seed, {facts['seed']}, and the run's number.",
+        f"{count} of {metadata['runs']} runs, {len(failed)} of them failed. Values and seed of "
+        f"each run follow from the sweep's seed, {metadata['seed']}, and the run's number.",
     ]
     if found.judge is not None:
         summary, unit = found.summary[found.judge], found.units[found.judge]
@@ -51,8 +51,8 @@ def write_page(found: Outcome) -> Path:
     try:
         return write_sections(
             found.page,
-            facts["title"],
-            f"{facts['scenario']}, {facts['method']}, {facts['seconds']:g} s each",
+            metadata["title"],
+            f"{metadata['scenario']}, {metadata['method']}, {metadata['seconds']:g} s each",
             introduction,
             sections,
             made_with("numpy", "scipy", "pyarrow", "plotly"),
@@ -61,7 +61,7 @@ def write_page(found: Outcome) -> Path:
         raise SteadytipError(f"{found.page} cannot be written: {reason(error)}") from None
 
 
-def _figures(found: Outcome) -> list[Section]:
+def _figures(found: SweepResult) -> list[Section]:
     wanted = [name for name in dict.fromkeys((found.judge, *_SHOWN)) if name in found.figures]
     names = [name for name in wanted if name and found.summary[name].count]
     if not names:
@@ -75,7 +75,7 @@ def _figures(found: Outcome) -> list[Section]:
     return [Section("Distributions", plots=(plot,))]
 
 
-def _dependence(found: Outcome) -> list[Section]:
+def _dependence(found: SweepResult) -> list[Section]:
     if found.judge is None or not found.axes:
         return []
     influences = found.influences(found.judge)
@@ -105,7 +105,7 @@ def _dependence(found: Outcome) -> list[Section]:
     ]
 
 
-def _worst(found: Outcome) -> list[Section]:
+def _worst(found: SweepResult) -> list[Section]:
     if found.judge is None:
         return []
     unit = found.units[found.judge]
@@ -123,7 +123,7 @@ def _worst(found: Outcome) -> list[Section]:
     ]
 
 
-def _failed(found: Outcome) -> list[Section]:
+def _failed(found: SweepResult) -> list[Section]:
     if not found.failed:
         return []
     chosen = found.failed[:_NAMED]
@@ -139,20 +139,20 @@ def _failed(found: Outcome) -> list[Section]:
     return [Section("Failed runs", text, (Table(columns, rows, frozenset({0})),))]
 
 
-def _everything(found: Outcome) -> Section:
+def _everything(found: SweepResult) -> Section:
     columns, rows = summary_rows(found)
     numbers = frozenset(range(1, len(columns) - 1))
     return Section("All figures", tables=(Table(columns, tuple(rows), numbers),))
 
 
-def _varied(found: Outcome) -> Section:
+def _varied(found: SweepResult) -> Section:
     rows = tuple(
         (name, toml(about["said"]) if about["said"] else "", about["unit"])
-        for name, about in found.facts["variables"].items()
+        for name, about in found.metadata["variables"].items()
     )
-    seeds = found.facts["seeds"]
+    seeds = found.metadata["seeds"]
     text = "a seed of its own for each run" if seeds is None else f"{len(seeds)} seeds"
-    motions = ", ".join(found.facts["motions"]) or "none"
+    motions = ", ".join(found.metadata["motions"]) or "none"
     return Section(
         "What was varied",
         (f"Seeds: {text}. Recordings: {motions}.",),

@@ -18,11 +18,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.events import Change, Fault
+from harness.scenario.events import Change, Fault
 
 if TYPE_CHECKING:
-    from harness.scenario import Scenario
-    from harness.sweep.table import Sweep
+    from harness.scenario.schema import Scenario
+    from harness.scenario.sweep import Sweep
 
 __all__ = ["Case", "Group", "Plan", "Queue", "groups_of", "value_on", "words"]
 

@@ -10,13 +10,13 @@ import numpy as np
 import plotly.graph_objects as go
 from plotly.subplots import make_subplots
 
-from harness.display import DISPLAY
+from harness.common.quantities import DISPLAY
 from harness.report.plots import GREY, SERIES, layout
 from harness.sweep.statistics import Influence, levels_of, mean_of
 
 if TYPE_CHECKING:
-    from harness.parts import FloatArray
-    from harness.sweep.outcome import Outcome
+    from harness.common.types import FloatArray
+    from harness.sweep.outcome import SweepResult
 
 __all__ = ["against", "distributions", "influences"]
 
@@ -28,7 +28,7 @@ _LABEL = 18
 _ROW = 280  # px
 
 
-def _scaled(found: Outcome, column: str) -> tuple[FloatArray, str]:
+def _scaled(found: SweepResult, column: str) -> tuple[FloatArray, str]:
     """Values in the unit that people read, and the column's name with it."""
     unit, factor = DISPLAY.get(found.units[column], (found.units[column], 1.0))
     name = column.removeprefix("part.").replace("_", " ")
@@ -43,7 +43,7 @@ def _grid(count: int) -> tuple[go.Figure, int]:
     return figure, _ROW * rows + 60
 
 
-def distributions(found: Outcome, figures: Sequence[str]) -> go.Figure:
+def distributions(found: SweepResult, figures: Sequence[str]) -> go.Figure:
     """Histogram of each figure, its median, and its mean with the interval."""
     whole, height = _grid(len(figures))
     for k, name in enumerate(figures):
@@ -135,15 +135,15 @@ def influences(found: Sequence[Influence]) -> go.Figure:
     return layout(whole, 110 + 34 * len(order), bargap=0.35)
 
 
-def against(found: Outcome, figure: str, axes: Sequence[str]) -> go.Figure:
+def against(found: SweepResult, figure: str, axes: Sequence[str]) -> go.Figure:
     """A figure against variables: each run a point, and the mean of each level or class."""
     whole, height = _grid(len(axes))
     y, title = _scaled(found, figure)
     good = np.isfinite(y)
-    listed = found.facts["method"] == "grid"
+    listed = found.metadata["method"] == "grid"
     for k, axis in enumerate(axes):
         row, column = k // 2 + 1, k % 2 + 1
-        about = found.facts["variables"][axis]
+        about = found.metadata["variables"][axis]
         if about["numeric"]:
             x, name = _scaled(found, axis)
             _points(whole, row, column, x[good], y[good], listed)

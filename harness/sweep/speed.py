@@ -11,7 +11,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.sweep.run import sweep
+from harness.sweep.execution import sweep
 
 __all__ = ["SCENARIO", "throughput"]
 

@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 from scipy import stats
 
-from harness.parts import FloatArray
+from harness.common.types import FloatArray
 
 __all__ = ["LEVEL", "Influence", "Summary", "influences_of", "levels_of", "mean_of", "summary_of"]
 

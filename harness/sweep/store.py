@@ -16,11 +16,11 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.errors import RecordError, SteadytipError
-from harness.record import reason
+from harness.common.errors import RecordError, SteadytipError
+from harness.common.files import reason
 
 if TYPE_CHECKING:
-    from harness.sweep.stand import Row
+    from harness.sweep.worker import Row
 
 __all__ = ["JOURNAL", "PAGE", "PARQUET", "Store", "contents", "differences", "rows"]
 
@@ -45,14 +45,14 @@ class Store:
     """The journal of a sweep."""
 
     def __init__(
-        self, folder: Path, identity: Mapping[str, Any], facts: Mapping[str, Any], fresh: bool
+        self, folder: Path, identity: Mapping[str, Any], metadata: Mapping[str, Any], fresh: bool
     ) -> None:
         """Open the journal of an earlier start of the same sweep, or begin one.
 
         Args:
             folder: of the sweep, made if it does not exist.
             identity: what all numbers follow from, JSON types only.
-            facts: what else is to be known of the sweep, JSON types only.
+            metadata: what else is to be known of the sweep, JSON types only.
             fresh: start over, whatever is there.
 
         Raises:
@@ -67,7 +67,7 @@ class Store:
         """Unit and definition of each figure of merit."""
         self._forced = time.monotonic()
         self._dirty = False
-        head = json.dumps({"sweep": {**identity, "format": _FORMAT}, "facts": facts})
+        head = json.dumps({"sweep": {**identity, "format": _FORMAT}, "facts": metadata})
         try:
             folder.mkdir(parents=True, exist_ok=True)
             end = 0 if fresh else self._read(identity)
@@ -179,19 +179,19 @@ def _lines(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
 
 def contents(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, str]], dict[int, int]]:
     """What a journal holds: facts, figures with unit and definition, where each run's line is."""
-    facts: dict[str, Any] = {}
+    metadata: dict[str, Any] = {}
     figures: dict[str, dict[str, str]] = {}
     places: dict[int, int] = {}
     before = 0
     for line, at in _lines(path):
         if "sweep" in line:
-            facts = line["facts"]
+            metadata = line["facts"]
         elif "figure" in line:
             figures[line["figure"]] = {k: line[k] for k in ("unit", "definition")}
         else:
             places[line["run"]] = before
         before = at
-    return facts, figures, places
+    return metadata, figures, places
 
 
 def rows(path: Path, places: Mapping[int, int]) -> Iterator[dict[str, Any]]:

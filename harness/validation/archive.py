@@ -7,7 +7,7 @@ import zipfile
 from collections.abc import Iterator
 from pathlib import PurePosixPath
 
-from harness.archives import ArchiveError, members, troubles
+from harness.common.archives import ArchiveError, members, troubles
 from harness.validation.checks import FILES, Note, Skip
 from harness.validation.files import DESCRIPTION, Fmu
 

@@ -12,8 +12,16 @@ from dataclasses import dataclass
 from typing import Any, Literal
 
 __all__ = [
-    *("FILES", "ITEMS", "PROBES"),
-    *("Check", "Failure", "Level", "Note", "Outcome", "Registry", "Skip"),
+    "FILES",
+    "ITEMS",
+    "PROBES",
+    "Check",
+    "CheckOutcome",
+    "Failure",
+    "Level",
+    "Note",
+    "Registry",
+    "Skip",
 ]
 
 Level = Literal["error", "warning", "info"]
@@ -97,7 +105,7 @@ class Check:
     title: str
     body: Callable[[Any], Iterator[str]]
 
-    def run(self, subject: Any) -> Outcome:
+    def run(self, subject: Any) -> CheckOutcome:
         """Carry it out in this process."""
         problems: list[str] = []
         notes: list[str] = []
@@ -118,13 +126,13 @@ class Check:
         skipped: str | None = None,
         level: Level | None = None,
         seconds: float = 0.0,
-    ) -> Outcome:
+    ) -> CheckOutcome:
         """Result of this check, each problem once, long lists shortened."""
         problems = list(dict.fromkeys(problems))
         more = len(problems) - _MOST_PROBLEMS
         if more > 1:
             problems = [*problems[:_MOST_PROBLEMS], f"and {more} more of this kind"]
-        return Outcome(
+        return CheckOutcome(
             id=self.id,
             title=self.title,
             level=level or self.level,
@@ -136,7 +144,7 @@ class Check:
 
 
 @dataclass(frozen=True)
-class Outcome:
+class CheckOutcome:
     """What one check found.
 
     Attributes:

@@ -8,10 +8,10 @@ from functools import cached_property
 from pathlib import Path
 from typing import Any
 
-from harness.archives import ArchiveError, read
-from harness.errors import SteadytipError
+from harness.common.archives import ArchiveError, read
+from harness.common.errors import SteadytipError
+from harness.common.xml_files import MOST_BYTES, parse_xml
 from harness.validation.checks import Failure, Skip
-from harness.xmlfiles import MOST_BYTES, parse_xml
 
 __all__ = ["DESCRIPTION", "VERSION", "Fmu"]
 

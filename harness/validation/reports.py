@@ -12,10 +12,10 @@ from rich.console import Group
 from rich.markup import escape
 from rich.table import Table
 
-from harness import junit
-from harness.junit import Case, Suite
-from harness.validation.checks import ITEMS, Outcome
-from harness.validation.verdict import Verdict
+from harness.common import junit
+from harness.common.junit import Case, Suite
+from harness.validation.checks import ITEMS, CheckOutcome
+from harness.validation.verdict import Validation
 
 __all__ = ["table", "write_json", "write_junit"]
 
@@ -23,7 +23,7 @@ _COLOURS = {"error": "red", "warning": "yellow", "info": "cyan", "ok": "green", 
 """Of verdicts, the worst first."""
 
 
-def table(verdict: Verdict) -> Group:
+def table(verdict: Validation) -> Group:
     """A row for each item of the checklist, and a line with the sums.
 
     Of the checks of an item, those are named that are not simply well.
@@ -48,7 +48,7 @@ def table(verdict: Verdict) -> Group:
     return Group(rows, f"[{colour}]{escape(verdict.path.name)}: {sums}[/{colour}]")
 
 
-def write_json(path: Path, verdicts: Sequence[Verdict]) -> None:
+def write_json(path: Path, verdicts: Sequence[Validation]) -> None:
     """A list of objects, one for each FMU, with all outcomes."""
     content = [
         {
@@ -62,8 +62,8 @@ def write_json(path: Path, verdicts: Sequence[Verdict]) -> None:
     path.write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
 
 
-def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
-    """A test suite for each FMU, a test case for each check; see `harness.junit`.
+def write_junit(path: Path, verdicts: Sequence[Validation]) -> None:
+    """A test suite for each FMU, a test case for each check; see `harness.common.junit`.
 
     Errors are failures; warnings and notes are in the output of their case, as JUnit knows none.
     """
@@ -73,7 +73,7 @@ def write_junit(path: Path, verdicts: Sequence[Verdict]) -> None:
     junit.write_junit(path, "steadytip validate", suites)
 
 
-def _case(verdict: Verdict, outcome: Outcome) -> Case:
+def _case(verdict: Validation, outcome: CheckOutcome) -> Case:
     problems = "\n".join(outcome.problems)
     failed = outcome.verdict == "error"
     texts = [f"{outcome.level}: {problems}"] * bool(problems and not failed)

@@ -18,11 +18,11 @@ from typing import Any
 
 import fmpy
 
-from harness.archives import ArchiveError, extract
+from harness.common.archives import ArchiveError, extract
 from harness.parts.description import platform_folders
 from harness.parts.isolated import ending
 from harness.validation import probes  # noqa: F401 - registers the checks
-from harness.validation.checks import Check, Outcome, Skip
+from harness.validation.checks import Check, CheckOutcome, Skip
 from harness.validation.facts import Model
 from harness.validation.files import Fmu
 
@@ -31,7 +31,7 @@ __all__ = ["run_probes"]
 _PACKAGES = Path(__file__).parents[2]
 
 
-def run_probes(fmu: Fmu, checks: Sequence[Check], timeout: float) -> Iterator[Outcome]:
+def run_probes(fmu: Fmu, checks: Sequence[Check], timeout: float) -> Iterator[CheckOutcome]:
     """Probes, one after the other.
 
     Args:
@@ -159,7 +159,7 @@ class _Forked(_Fresh):
         return int(code) if ended else None
 
 
-def _run(check: Check, processes: _Fresh, folder: Path, timeout: float) -> Outcome:
+def _run(check: Check, processes: _Fresh, folder: Path, timeout: float) -> CheckOutcome:
     begun = time.monotonic()
     code = processes.run(check.id, folder, timeout)
     seconds = time.monotonic() - begun

@@ -7,17 +7,17 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.errors import SteadytipError
+from harness.common.errors import SteadytipError
 from harness.validation import archive, binary, description, structure  # noqa: F401 - register
-from harness.validation.checks import FILES, ITEMS, PROBES, Outcome
+from harness.validation.checks import FILES, ITEMS, PROBES, CheckOutcome
 from harness.validation.files import Fmu
 from harness.validation.running import run_probes
 
-__all__ = ["Verdict", "validate"]
+__all__ = ["Validation", "validate"]
 
 
 @dataclass(frozen=True)
-class Verdict:
+class Validation:
     """What was found about one FMU.
 
     Attributes:
@@ -26,7 +26,7 @@ class Verdict:
     """
 
     path: Path
-    outcomes: tuple[Outcome, ...]
+    outcomes: tuple[CheckOutcome, ...]
 
     @property
     def counts(self) -> Counter[str]:
@@ -38,7 +38,7 @@ class Verdict:
         """Whether there is no error."""
         return not self.counts["error"]
 
-    def __getitem__(self, id: str) -> Outcome:
+    def __getitem__(self, id: str) -> CheckOutcome:
         """Outcome of one check by its id."""
         return next(outcome for outcome in self.outcomes if outcome.id == id)
 
@@ -49,7 +49,7 @@ def validate(
     timeout: float = 60.0,
     only: Container[str] | None = None,
     progress: Callable[[int, int, str], None] = lambda _done, _all, _id: None,
-) -> Verdict:
+) -> Validation:
     """Check an FMU: its archive, description and binaries, then the running FMU.
 
     Args:
@@ -64,14 +64,14 @@ def validate(
     if not path.is_file():
         raise SteadytipError(f"FMU {path} does not exist")
     fmu = Fmu(path)
-    found: list[Outcome] = []
+    found: list[CheckOutcome] = []
     files, probes = (
         [check for check in registry.values() if only is None or check.id in only]
         for registry in (FILES, PROBES)
     )
     count = len(files) + len(probes)
 
-    def add(outcome: Outcome) -> None:
+    def add(outcome: CheckOutcome) -> None:
         found.append(outcome)
         progress(len(found), count, outcome.id)
 
@@ -80,4 +80,4 @@ def validate(
     for outcome in run_probes(fmu, probes, timeout):
         add(outcome)
     order = list(ITEMS)
-    return Verdict(path, tuple(sorted(found, key=lambda outcome: order.index(outcome.item))))
+    return Validation(path, tuple(sorted(found, key=lambda outcome: order.index(outcome.item))))

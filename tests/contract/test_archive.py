@@ -10,7 +10,7 @@ import pytest
 from fmpy.util import read_csv, read_ref_opt_file
 from lxml import etree
 
-from fmu_src.pack import reference
+from fmu_src.pack.fmu import reference
 from tests.contract.conftest import FLAVOURS
 
 _BINARIES = {

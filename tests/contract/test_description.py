@@ -18,7 +18,7 @@ from lxml import etree
 
 from fmu_src import __version__
 from fmu_src.kit.units import BASE, OFFSETS, base_exponents
-from fmu_src.pack.description import LOG_CATEGORIES
+from fmu_src.pack.fmu.description import LOG_CATEGORIES
 from tests.contract.conftest import FLAVOURS
 
 _SCHEMA = Path(fmpy.__file__).parent / "schema" / "fmi2" / "fmi2ModelDescription.xsd"

@@ -6,7 +6,7 @@ import zipfile
 import numpy as np
 from lxml import etree
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 
 
 def test_both_flavours_declare_the_same_variables_and_guid(paths) -> None:

@@ -9,7 +9,8 @@ from scipy import signal
 from scipy.spatial.transform import Rotation
 
 from fmu_src.controller import tremor_canceller
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
+from fmu_src.kit.runner import Runner
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.piezo import modulated_stops, rate_dependent
 from fmu_src.tremor import inertial_forecaster, var_forecaster

@@ -7,9 +7,9 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
 
-from fmu_src.estimation import attitude_filter as filters
-from fmu_src.estimation import triad
-from fmu_src.kit import rotations
+from fmu_src.estimation.micron import attitude_filter as filters
+from fmu_src.filters import triad
+from fmu_src.math import rotations
 
 T = 1e-3
 

@@ -7,10 +7,11 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fmu_src.estimation import compensation
-from fmu_src.estimation.micron import MODEL
-from fmu_src.kit import Runner, design
-from fmu_src.kit import sensing_kinematics as kinematics
+from fmu_src.device import design
+from fmu_src.device import sensing_kinematics as kinematics
+from fmu_src.estimation.micron import compensation
+from fmu_src.estimation.micron.model import MODEL
+from fmu_src.kit.runner import Runner
 
 AXES = [axis for _, axis in kinematics.PLACES]
 OTHER = [1, 0, 3, 2, 5, 4]

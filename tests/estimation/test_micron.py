@@ -5,8 +5,9 @@ import pytest
 from scipy.interpolate import make_interp_spline
 from scipy.spatial.transform import Rotation
 
-from fmu_src.estimation.micron import MODEL
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
+from fmu_src.estimation.micron.model import MODEL
+from fmu_src.kit.runner import Runner
 
 T = MODEL.sample_period
 SITES = np.array(

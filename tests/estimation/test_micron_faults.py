@@ -15,11 +15,11 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from scipy.stats import chi2
 
-from fmu_src.estimation.micron import MODEL
-from fmu_src.kit import design
-from fmu_src.kit import sensing_kinematics as kinematics
+from fmu_src.device import design
+from fmu_src.device import sensing_kinematics as kinematics
+from fmu_src.estimation.micron.model import MODEL
 from fmu_src.pack import build
-from tests.compiled import CompiledRunner
+from fmu_src.pack.compiled_runner import CompiledRunner
 from tests.estimation.test_micron import NORTH, T, voltages
 
 STEP = design.ADC_SPAN / 2**16

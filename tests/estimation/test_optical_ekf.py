@@ -8,8 +8,8 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fmu_src.estimation.optical_ekf import MODEL, SPACE, optical_residual, process, then
-from fmu_src.kit import Runner
-from tests.compiled import CompiledRunner
+from fmu_src.kit.runner import Runner
+from fmu_src.pack.compiled_runner import CompiledRunner
 from tests.estimation.motions import (
     T,
     error,

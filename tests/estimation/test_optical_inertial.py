@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 
 from fmu_src.estimation import optical_inertial_ekf, optical_inertial_ukf
 from fmu_src.estimation.optical_inertial import SPACE, Nominal
-from fmu_src.pack.compiled import CompiledRunner
+from fmu_src.pack.compiled_runner import CompiledRunner
 from tests.estimation.handheld import (
     GRAVITY,
     LEVER,

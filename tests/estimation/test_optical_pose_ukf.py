@@ -10,7 +10,7 @@ from scipy import integrate, stats
 from scipy.spatial.transform import Rotation
 
 from fmu_src.estimation.optical_pose_ukf import MODEL, SPACE, Nominal, integrated
-from fmu_src.pack.compiled import CompiledRunner
+from fmu_src.pack.compiled_runner import CompiledRunner
 from tests.estimation.handheld import (
     GRAVITY,
     LEVER,

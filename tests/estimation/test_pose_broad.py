@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 
 from fmu_src.pack.build import load_model
-from harness.reproduce.bench.augmentation import ALONE, SETTINGS_E13, followed, recorded
-from harness.reproduce.bench.broad import FOLDER, THINNED, TRIALS, read_trial
-from harness.reproduce.bench.pose import SETTINGS, follow, occlusions
+from harness.reproduce.experiments.augmentation import ALONE, SETTINGS_E13, followed, recorded
+from harness.reproduce.experiments.broad import FOLDER, THINNED, TRIALS, read_trial
+from harness.reproduce.experiments.pose import SETTINGS, follow, occlusions
 from harness.reproduce.item import Context
 
 FILTERS = ("OpticalInertialEkf", "OpticalInertialUkf")

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from fmpy import sharedLibraryExtension
 
-from harness import march
+from harness.loop import native as march
 from harness.parts.description import platform_folders
 
 HERE = Path(__file__).parent
@@ -92,7 +92,7 @@ def write_scenario(tmp_path: Path, probe: Path) -> WriteScenario:
 def tick(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """How the loop goes: many ticks in one native call, or each in Python."""
     if request.param == "python":
-        monkeypatch.setattr("harness.march.library", lambda: None)
+        monkeypatch.setattr("harness.loop.native.library", lambda: None)
     else:
         assert march.library() is not None
     return request.param

@@ -6,18 +6,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.kit import (
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    Runner,
-    State,
-    SteadytipError,
-    integer,
-    real,
-)
+from fmu_src.errors import SteadytipError
+from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.container import Link, Member, contain
+from fmu_src.kit.records import Inputs, integer, real
+from fmu_src.kit.runner import Runner
 
 TICK = 1e-3
 
@@ -52,7 +45,7 @@ QUICK = Model("Quick", step, P, U, X, Y, TICK / 4, draws=1)
 
 def one_by_one(members, links, ticks):
     """Every output of every tick, (ticks + 1, members, 2); row 0 is what initialisation shows."""
-    driven = {link.target: link for link in links}
+    connected = {link.target: link for link in links}
     runners = {m.name: Runner(m.model, dict(m.starts)) for m in members}
     first = {m.name: Runner(m.model, dict(m.starts)) for m in members}
     starts = {"a": 0.25, "b": -0.5}
@@ -60,7 +53,7 @@ def one_by_one(members, links, ticks):
     for m in members:
         taken = dict(starts)
         for name in starts:
-            link = driven.get((m.name, name))
+            link = connected.get((m.name, name))
             if link is not None and not link.delay:
                 taken[name] = now[link.source]
         found = first[m.name].run(1, taken)
@@ -71,7 +64,7 @@ def one_by_one(members, links, ticks):
         for m in members:
             taken = dict(starts)
             for name in starts:
-                link = driven.get((m.name, name))
+                link = connected.get((m.name, name))
                 if link is not None:
                     row = now if not link.delay else rows[max(0, len(rows) - link.delay)]
                     taken[name] = row[link.source]

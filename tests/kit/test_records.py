@@ -4,18 +4,10 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmu_src.kit import (
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    Runner,
-    State,
-    SteadytipError,
-    boolean,
-    integer,
-    real,
-)
+from fmu_src.errors import SteadytipError
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, integer, real
+from fmu_src.kit.runner import Runner
 
 
 class Inner(Parameters):

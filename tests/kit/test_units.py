@@ -1,6 +1,6 @@
 import pytest
 
-from fmu_src.kit import SteadytipError
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.units import base_exponents
 
 

@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from scipy.optimize import least_squares, root
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
+from fmu_src.kit.runner import Runner
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.manipulator.parallel_3dof import Geometry
 from plants import instrument

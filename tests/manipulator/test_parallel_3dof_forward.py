@@ -6,7 +6,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
+from fmu_src.kit.runner import Runner
 from fmu_src.manipulator import parallel_3dof, parallel_3dof_forward
 from fmu_src.manipulator.parallel_3dof import Geometry
 from fmu_src.manipulator.parallel_3dof_forward import MODEL

@@ -6,10 +6,11 @@ import zipfile
 
 import pytest
 
-from fmu_src.kit import SteadytipError
-from fmu_src.pack import build, load_model, model_names
-from fmu_src.pack.csource import sources
-from fmu_src.pack.description import content_guid
+from fmu_src.errors import SteadytipError
+from fmu_src.pack import build
+from fmu_src.pack.build import load_model, model_names
+from fmu_src.pack.codegen.c_source import sources
+from fmu_src.pack.fmu.description import content_guid
 
 NAME = "MicronEstimator"
 
@@ -81,8 +82,8 @@ def test_generated_sources_name_their_cost_and_no_machine() -> None:
 def test_two_processes_build_an_fmu_once(tmp_path):
     """The second waits for the first, and takes what that has built."""
     code = (
-        "import sys; from pathlib import Path; from fmu_src.pack import build, store\n"
-        "store.recall = lambda folder, key, make, *_: make()\n"
+        "import sys; from pathlib import Path; from fmu_src.pack import build, cache\n"
+        "cache.recall = lambda folder, key, make, *_: make()\n"
         "build(['Flc'], out=Path(sys.argv[1]), progress=print)"
     )
     command = [sys.executable, "-c", code, str(tmp_path)]

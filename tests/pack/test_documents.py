@@ -12,29 +12,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmu_src.controller import tremor_canceller
-from fmu_src.kit import (
-    Inputs,
-    Model,
-    Outputs,
-    Parameters,
-    Runner,
-    State,
-    SteadytipError,
-    design,
-    real,
-)
-from fmu_src.kit.records import Scalar
-from fmu_src.pack import (
-    archive,
-    compiled,
-    description,
-    documents,
-    icon,
-    load_model,
-    page,
-    reference,
-    response,
-)
+from fmu_src.device import design
+from fmu_src.errors import SteadytipError
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, Scalar, real
+from fmu_src.kit.runner import Runner
+from fmu_src.pack import compiled_runner as compiled
+from fmu_src.pack.build import load_model
+from fmu_src.pack.docs import documents, icon, page, response
+from fmu_src.pack.fmu import archive, description, reference
 from tests.conftest import by_model
 
 T = 1e-3

@@ -5,9 +5,10 @@ import fmpy
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from fmu_src.kit import Derived, Inputs, Model, Outputs, Parameters, State, real
-from fmu_src.pack import archive, native
-from fmu_src.pack.compiled import CACHE
+from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.records import Derived, Inputs, real
+from fmu_src.pack.compiled_runner import CACHE
+from fmu_src.pack.fmu import archive, native
 from tests.contract.conftest import Instance
 
 pytestmark = pytest.mark.xdist_group("failing_model")  # its tests share what takes long

@@ -13,8 +13,9 @@ import fmpy
 import numpy as np
 import pytest
 
-from fmu_src.pack import build, native
-from fmu_src.pack.compiled import CACHE
+from fmu_src.pack import build
+from fmu_src.pack.compiled_runner import CACHE
+from fmu_src.pack.fmu import native
 from harness.validation import verdict as _verdict  # noqa: F401 - registers the checks
 from harness.validation.checks import FILES
 from harness.validation.files import Fmu

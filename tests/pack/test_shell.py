@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fmu_src.kit.noise import uniforms
-from fmu_src.pack import native
-from fmu_src.pack.csource import shell
+from fmu_src.pack.codegen.c_source import shell
+from fmu_src.pack.fmu import native
 
 # A host that prints the first words of the shell's generator and some numbers as it writes them.
 _PROBE = """
@@ -97,7 +97,7 @@ def test_conditions_of_the_parameters_are_warnings_when_they_are_false(
     flavour, isolate, tmp_path
 ) -> None:
     """A run goes on, says so, and keeps it in its record; good parameters say nothing."""
-    import harness
+    import steadytip as st
 
     scenario = tmp_path / "one.toml"
     scenario.write_text(
@@ -106,7 +106,7 @@ def test_conditions_of_the_parameters_are_warnings_when_they_are_false(
     )
     for thresholds, expected in (({}, []), ({"part.inverse.hysteresis.thresholds[4]": 8.0}, [1])):
         said = []
-        result = harness.run(
+        result = st.run(
             scenario, overrides=thresholds, out=tmp_path / "out", report=False, status=said.append
         )
         warned = [text for text in said if "warns" in text]
@@ -114,4 +114,4 @@ def test_conditions_of_the_parameters_are_warnings_when_they_are_false(
         for text in warned:
             assert text.startswith("part 'inverse' warns: ")
             assert "inverse.defined is false: the operator has no inverse" in text
-            assert text in result.facts["notes"]
+            assert text in result.metadata["notes"]

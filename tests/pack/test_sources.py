@@ -9,8 +9,11 @@ import fmpy
 import numpy as np
 import pytest
 
-from fmu_src.pack import build, csource, load_model, native
-from fmu_src.pack.compiled import CACHE
+from fmu_src.pack import build
+from fmu_src.pack.build import load_model
+from fmu_src.pack.codegen import c_source as csource
+from fmu_src.pack.compiled_runner import CACHE
+from fmu_src.pack.fmu import native
 from tests.conftest import by_model
 from tests.contract.conftest import Instance
 
@@ -130,10 +133,10 @@ def test_hostile_host_finds_nothing(sources, sanitizers, arguments) -> None:
 @pytest.mark.parametrize("name", SINGLE)
 def test_single_precision_costs_what_the_readme_says(name, tmp_path) -> None:
     """The instrument's FMUs for a microcontroller, against double precision in the closed loop."""
-    import harness
+    import steadytip as st
 
     path = build([name])[name]
-    run = harness.run("closed_loop", overrides={"seconds": 4.0}, out=tmp_path / "run", report=False)
+    run = st.run("closed_loop", overrides={"seconds": 4.0}, out=tmp_path / "run", report=False)
     folder = tmp_path / "single"
     fmpy.extract(str(path), str(folder))
     texts = {p.name: p.read_text("utf-8") for p in (folder / "sources").iterdir() if p.is_file()}

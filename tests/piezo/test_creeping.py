@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.piezo import creeping, inverse_creeping
 from fmu_src.piezo.creeping import WIDTHS
 from fmu_src.piezo.modulated_stops import CREEP_TIMES

@@ -7,7 +7,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.piezo import inverse_modulated_stops as inverse
 from fmu_src.piezo import modulated_stops as operator
 from fmu_src.piezo.modulated_stops import LAGS, STOPS, Stops

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.piezo import inverse_prandtl_ishlinskii, prandtl_ishlinskii
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE
 from fmu_src.piezo.prandtl_ishlinskii import DEAD_ZONES, NOMINAL, PLAYS, Hysteresis

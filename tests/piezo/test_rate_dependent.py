@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.piezo import inverse_rate_dependent, prandtl_ishlinskii, rate_dependent
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE
 from fmu_src.piezo.prandtl_ishlinskii import NOMINAL, PLAYS, Hysteresis

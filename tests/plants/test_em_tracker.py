@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from plants.em_tracker import MODEL
 
 T = 1e-3

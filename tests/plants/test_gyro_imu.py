@@ -7,7 +7,8 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
+from fmu_src.kit.runner import Runner
 from plants.gyro_imu import MODEL, SOFT, Params
 
 T = 1e-3

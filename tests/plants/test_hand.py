@@ -10,9 +10,10 @@ from scipy import signal, stats
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
 from fmu_src.kit.noise import uniforms
-from fmu_src.pack.compiled import CompiledRunner
+from fmu_src.kit.runner import Runner
+from fmu_src.pack.compiled_runner import CompiledRunner
 from plants import hand
 from plants.hand import MODEL, Params
 

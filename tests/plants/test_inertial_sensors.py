@@ -14,8 +14,8 @@ from scipy import signal
 from scipy.integrate import solve_ivp
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import design
-from fmu_src.pack.compiled import CompiledRunner
+from fmu_src.device import design
+from fmu_src.pack.compiled_runner import CompiledRunner
 from plants.inertial_sensors import CHANNELS, MODEL, Params
 
 T = 1e-3
@@ -142,7 +142,9 @@ def test_spectrum_of_the_noise_is_flat_and_then_falls_with_the_filter():
 
 def test_scenario_with_the_noise_of_the_thesis_has_its_figure():
     """A04 Table 2.3: 2.25 mg rms behind the 15 Hz filter; and the estimator is told of it."""
-    text = files("harness").joinpath("scenarios/closed_loop_a04_noise.toml").read_text("utf-8")
+    text = (
+        files("harness.scenario").joinpath("library/closed_loop_a04_noise.toml").read_text("utf-8")
+    )
     parts = tomllib.loads(text)["part"]
     force, _ = at_rest(100_000, {**parts["sensors"], "seed": 9})
     assert set(parts["estimator"]["accelerometer"]["density"]) == set(parts["sensors"].values())

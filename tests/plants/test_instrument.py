@@ -11,7 +11,8 @@ from hypothesis.extra.numpy import arrays
 from scipy.optimize import root
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner, design
+from fmu_src.device import design
+from fmu_src.kit.runner import Runner
 from plants import instrument
 from plants.instrument import MODEL, Params
 

@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.integrate import solve_ivp
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from plants.piezo_stack import MODEL, Params
 
 T = 1e-4

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from plants.robot import MODEL
 
 T = MODEL.sample_period

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from plants.signal_fault import MODEL
 
 STEPS = 4000

@@ -2,8 +2,8 @@
 
 import pytest
 
-from harness.parts.recording import recordings
-from harness.reproduce.bench import tremor
+from harness.recordings.motion import recordings
+from harness.reproduce.experiments import tremor
 
 
 @pytest.fixture(scope="session")

@@ -6,10 +6,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor import ar_kalman
 from fmu_src.tremor.ar_kalman import AHEAD, AXES, LEAST_MOVE, LOWER, MODEL, NOISE, ORDER, STRIDE
-from harness.reproduce.bench import tremor as bench
+from harness.reproduce.experiments import tremor as bench
 
 T = 1e-3
 LEFT = np.exp(-T / 300.0)

@@ -9,9 +9,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import interpolate, signal
 
-from fmu_src.kit import Model, Runner
+from fmu_src.kit import Model
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor import bmflc, bmflc_kf, oscillators
-from harness.parts.recording import read_recording, recordings
+from harness.recordings.motion import read_recording, recordings
 
 T = 1e-3
 SIZE = 20e-6

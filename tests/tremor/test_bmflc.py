@@ -3,7 +3,7 @@
 import numpy as np
 from scipy import signal
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor import bmflc
 
 T = 1e-3

@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.special import j0, j1
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor.cascade_neural import ACTIVATIONS, HIDDEN, INPUTS, MODEL, SPACINGS
 
 FUNCTIONS = {

@@ -7,9 +7,9 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fmu_src.kit import Runner
-from harness.reproduce.bench.tremor import filters, sine
-from tests.compiled import CompiledRunner
+from fmu_src.kit.runner import Runner
+from fmu_src.pack.compiled_runner import CompiledRunner
+from harness.reproduce.experiments.tremor import filters, sine
 
 T = 1e-3
 SIZE = 20e-6

@@ -4,13 +4,14 @@ import numpy as np
 import pytest
 from scipy.signal import lfilter
 
-from fmu_src.kit import Runner, design
-from fmu_src.kit import sensing_kinematics as kinematics
+from fmu_src.device import design
+from fmu_src.device import sensing_kinematics as kinematics
+from fmu_src.kit.runner import Runner
+from fmu_src.pack.compiled_runner import CompiledRunner
 from fmu_src.tremor import inertial, inertial_forecaster, inertial_oscillators
-from harness.parts.recording import read_recording, recordings
-from harness.reproduce.bench import inertial as bench
-from harness.reproduce.bench.tremor import Column, score
-from tests.compiled import CompiledRunner
+from harness.recordings.motion import read_recording, recordings
+from harness.reproduce.experiments import inertial as bench
+from harness.reproduce.experiments.tremor import Column, score
 
 T = 1e-3
 MODELS = {

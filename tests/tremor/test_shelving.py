@@ -6,9 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor.shelving import CENTRE, LARGEST_LEAD, MODEL, QUALITY, SECTIONS
-from harness.reproduce.bench import tremor as bench
+from harness.reproduce.experiments import tremor as bench
 
 T = 1e-3
 GAIN = MODEL.parameters.fields["gain"].start[0]

@@ -3,8 +3,9 @@
 import numpy as np
 import pytest
 
-from fmu_src.kit import Runner
-from fmu_src.tremor import bmflc_kf, oscillators, phasors
+from fmu_src.kit.runner import Runner
+from fmu_src.math import phasors
+from fmu_src.tremor import bmflc_kf, oscillators
 
 T = 1e-3
 

@@ -3,10 +3,10 @@
 import numpy as np
 import pytest
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor import var_forecaster
 from fmu_src.tremor.var_forecaster import AHEAD, CROSS, LEARNING, MODEL, OWN, STRIDE
-from harness.reproduce.bench import tremor as bench
+from harness.reproduce.experiments import tremor as bench
 
 T = 1e-3
 RNG = np.random.default_rng(5)

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor import flc, wflc
 
 T = 1e-3

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import interpolate, signal
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from fmu_src.tremor import wflc_flc
 
 T = 1e-3

@@ -10,10 +10,10 @@ from pathlib import Path
 
 import pytest
 
-from fmu_src.pack import model_names
+from fmu_src.pack.build import model_names
 from harness.bench import probes
 from harness.bench.session import Bench
-from harness.bench.stopwatch import counting
+from harness.bench.timing import counting
 
 _FIRST = "Wflc"  # brings the compiler's own libraries along
 _QUICK = ("Flc", "PiezoStack")

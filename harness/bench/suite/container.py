@@ -12,14 +12,15 @@ from typing import Any
 import numpy as np
 import pytest
 
-import harness
 from harness.bench.samples import Case
 from harness.bench.session import Bench
 from harness.bench.stepper import Stepped
-from harness.bench.stopwatch import counting
-from harness.fused import fuse
+from harness.bench.timing import counting
 from harness.parts.fmu import FmuPart
-from harness.system import assemble
+from harness.running import run as run_scenario
+from harness.scenario.load import load
+from harness.system.assembly import assemble
+from harness.system.container import fuse
 
 _SCENARIO = "closed_loop"
 _APART, _FUSED, _FROM_C = "separate FMUs", "container", "container, from C"
@@ -36,7 +37,7 @@ def run(folder: Path, quick: bool) -> Callable[[str], Any]:
         overrides = {"seconds": 1.0 if quick else _SECONDS, "settle": 0.0}
         place = folder / "container"
         fused = row == _FUSED
-        return harness.run(_SCENARIO, overrides=overrides, fuse=fused, out=place, report=False)
+        return run_scenario(_SCENARIO, overrides=overrides, fuse=fused, out=place, report=False)
 
     run(_FUSED)  # it is built now
     return run
@@ -45,7 +46,7 @@ def run(folder: Path, quick: bool) -> Callable[[str], Any]:
 @pytest.fixture(scope="module")
 def case(run: Callable[[str], Any], quick: bool) -> Case:
     """The container, which has no inputs."""
-    system = fuse(assemble(harness.load(_SCENARIO)))
+    system = fuse(assemble(load(_SCENARIO)))
     (part,) = system.parts.values()
     assert isinstance(part, FmuPart)
     count = 500 if quick else 5000
@@ -63,10 +64,10 @@ def factor(bench: Bench, row: str, spent: list[float], step: float) -> None:
 @pytest.mark.parametrize("row", [_APART, _FUSED])
 def bench_tick(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> None:
     """The ticks of a run."""
-    facts = run(row).facts
-    whole = counting(lambda: float(run(row).facts["wall"]))
-    spent = bench.time(row, _TICK, whole, per=facts["ticks"], rounds=1, best=True)
-    factor(bench, row, spent, facts["step"])
+    metadata = run(row).metadata
+    whole = counting(lambda: float(run(row).metadata["wall"]))
+    spent = bench.time(row, _TICK, whole, per=metadata["ticks"], rounds=1, best=True)
+    factor(bench, row, spent, metadata["step"])
     if row == _FUSED:
         bench.ratio(_APART, "over the container's", (_APART, _TICK), (_FUSED, _TICK))
 

@@ -17,7 +17,7 @@ import pytest
 from harness.bench.samples import Case, cases, names
 from harness.bench.session import Bench
 from harness.bench.stepper import Stepped
-from harness.parts import FloatArray
+from harness.common.types import FloatArray
 
 _TONES = "TremorCanceller (tremor_filter = 1)"
 _FORECASTER = ("TremorCanceller", "TremorCanceller (tremor_filter = 2)")

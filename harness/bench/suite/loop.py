@@ -19,11 +19,11 @@ from pathlib import Path
 
 import pytest
 
-from harness import load
-from harness.bench.contenders import OPENERS, Contender
+from harness.bench.other_hosts import OPENERS, Contender
 from harness.bench.session import Bench
-from harness.bench.stopwatch import counting
-from harness.errors import SteadytipError
+from harness.bench.timing import counting
+from harness.common.errors import SteadytipError
+from harness.scenario.load import load
 from harness.ssp.export import export
 
 _SCENARIO = "closed_loop"

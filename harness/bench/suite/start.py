@@ -14,14 +14,14 @@ from pathlib import Path
 import pytest
 
 from fmu_src import pack
-from harness import scenario
 from harness.bench.session import Bench
+from harness.scenario import load as scenario
 
-_COMMAND = "from harness.cli import main; main()"
+_COMMAND = "from harness.cli.main import main; main()"
 _SEEN = f"""
 import os
 from contextlib import contextmanager
-from harness.console import Display
+from harness.cli.console import Display
 
 @contextmanager
 def progress(self):
@@ -34,8 +34,8 @@ _RUN = ("run", "closed_loop", "--no-report", "--quiet")
 _TICK = ("--seconds", "0.001", "--set", "settle=0")
 _ARGUMENTS = {
     "Python alone": ("-c", "pass"),
-    "import harness": ("-c", "import harness"),
-    "imports of a run": ("-c", "import harness.runs"),
+    "import steadytip": ("-c", "import steadytip"),
+    "imports of a run": ("-c", "import harness.running"),
     "steadytip --help": ("-c", _COMMAND, "--help"),
     "steadytip run, to its first step": ("-c", _SEEN, *_RUN),
     "steadytip run, of one tick": ("-c", _COMMAND, *_RUN, *_TICK),

@@ -12,7 +12,7 @@ import pytest
 
 from harness.bench import probes
 from harness.bench.session import Bench
-from harness.bench.stopwatch import counting
+from harness.bench.timing import counting
 from harness.sweep.speed import SCENARIO, throughput
 
 _ONE, _TWO, _APART = "one worker", "two workers", "one worker, FMUs not fused"

@@ -12,9 +12,9 @@ from functools import cache
 from importlib.metadata import version
 from pathlib import Path
 
-from fmu_src.pack import native
+from fmu_src.pack.fmu import native
 from harness.can.database import Database, load
-from harness.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError, SteadytipError
 
 __all__ = ["build_board", "sources"]
 

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from harness.can.database import load
 from harness.can.firmware.build import build_board
-from harness.errors import SteadytipError
+from harness.common.errors import SteadytipError
 
 __all__ = ["CHANNELS", "FirmwareBoard", "fault_kinds", "write_samples"]
 

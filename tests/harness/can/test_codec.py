@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from harness.can.codec import Codec
 from harness.can.database import load
-from harness.errors import FaultError
+from harness.common.errors import FaultError
 
 SHIPPED = ["instrument", "instrument_fd"]
 

@@ -4,8 +4,9 @@ from pathlib import Path
 
 import pytest
 
+from fmu_src.errors import SteadytipError
 from harness.can.database import frame_time, load
-from harness.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError
 
 DBC = Path(load("instrument").path).read_text()
 

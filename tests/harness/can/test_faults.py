@@ -7,8 +7,8 @@ import pytest
 
 from harness.can.codec import Codec
 from harness.can.database import HOLD, RUN
-from harness.can.mischief import BABBLE, Fault, parse
-from harness.scenario import Hil
+from harness.can.fault_injection import BABBLE, Fault, parse
+from harness.scenario.schema import Hil
 from tests.harness.can.virtual import STEP, Rig, truth
 
 BEGUN, FAULTY = 200, 300

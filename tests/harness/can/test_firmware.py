@@ -32,24 +32,19 @@ from crccheck.crc import Crc8Base, Crc16CcittFalse
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.pack import native
+from fmu_src.errors import SteadytipError
+from fmu_src.pack.fmu import native
+from harness.can.channel import Address
+from harness.can.controller_node import ControllerNode
 from harness.can.database import load
-from harness.can.drive import Drive
-from harness.can.firmware import (
-    FirmwareBoard,
-    build_board,
-    fault_kinds,
-    sources,
-    write_samples,
-)
-from harness.can.firmware.process import CHANNELS
-from harness.can.medium import Address
-from harness.can.mischief import KINDS
-from harness.can.node import LoopNode
+from harness.can.fault_injection import KINDS
+from harness.can.firmware import sources
+from harness.can.firmware.build import build_board
+from harness.can.firmware.process import CHANNELS, FirmwareBoard, fault_kinds, write_samples
 from harness.can.protection import Counter as Sequencer
 from harness.can.protection import Status
-from harness.errors import SteadytipError
-from harness.scenario import Hil
+from harness.can.voltage_ramp import VoltageRamp
+from harness.scenario.schema import Hil
 
 DBCS = ("instrument", "instrument_fd")
 STATES = {"stopped": 4, "operational": 5, "pre-operational": 127}
@@ -712,7 +707,7 @@ class Model:
         self.sequence = Sequencer(modulus)
         self.quiet = 99
         self.good: Sent | None = None
-        self.drive = Drive([(0, 50000)] * 3, 100)
+        self.drive = VoltageRamp([(0, 50000)] * 3, 100)
         self.mode = OFF
         self.counts = Counter()
 
@@ -1048,12 +1043,12 @@ def test_times_without_end_come_and_go_by_their_rate(recording, volts) -> None:
 
 def looped(
     recording: Path, dbc: str, ticks: int, faults: Sequence[str] = ()
-) -> tuple[LoopNode, dict[int, tuple[float, ...]], FirmwareBoard]:
+) -> tuple[ControllerNode, dict[int, tuple[float, ...]], FirmwareBoard]:
     """The loop's own node with the board, on the bulk slcan interface: node, samples by number."""
     taken: dict[int, tuple[float, ...]] = {}
     with FirmwareBoard(recording, dbc, loop=True, faults=faults, seed=5) as board:
         address = Address("slcanbulk", str(board.link))
-        node = LoopNode(load(dbc), "Loop", address, Hil(), 1e-3)
+        node = ControllerNode(load(dbc), "Loop", address, Hil(), 1e-3)
         node.open()
         node.meet()
         for k in range(ticks):
@@ -1065,7 +1060,7 @@ def looped(
     return node, taken, board
 
 
-def named(node: LoopNode, values: Sequence[float]) -> list[float]:
+def named(node: ControllerNode, values: Sequence[float]) -> list[float]:
     """The channels of a sample in the board's order."""
     parts = [m for m in node.database.messages if m.role == "sample"]
     names = [signal.name for m in parts for signal in m.signals]

@@ -5,11 +5,12 @@ import pyarrow as pa
 import pytest
 from pyarrow import parquet
 
-import harness
-from harness.errors import FaultError, SteadytipError
+import steadytip as st
+from fmu_src.errors import SteadytipError
+from harness.common.errors import FaultError
 from harness.hil.board import BUS, board_scenario, world_scenario
-from harness.scenario import load
-from harness.system import assemble
+from harness.scenario.load import load
+from harness.system.assembly import assemble
 
 
 def links(system) -> set[tuple[str, int]]:
@@ -89,7 +90,7 @@ def test_the_board_sees_the_same_scenario_from_the_other_end() -> None:
 def test_the_world_with_the_commands_of_a_run_is_where_the_tip_was(tmp_path) -> None:
     """What is computed for a board that keeps no world of its own."""
     overrides = {"seconds": 1.0, "settle": 0.0}
-    run = harness.run("closed_loop", overrides=overrides, out=tmp_path / "run", report=False)
+    run = st.run("closed_loop", overrides=overrides, out=tmp_path / "run", report=False)
     names = [f"controller.volts_{i}" for i in (1, 2, 3)]
     acts = [np.concatenate([[run.signals(n)[0]], run.signals(n)[:-1]]) for n in names]
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s"})]
@@ -98,7 +99,7 @@ def test_the_world_with_the_commands_of_a_run_is_where_the_tip_was(tmp_path) -> 
     ]
     table = pa.table([run.time, *acts], schema=pa.schema(fields))
     parquet.write_table(table, tmp_path / "command.parquet")
-    from harness.runs import perform
+    from harness.running import perform
 
     scenario = load("closed_loop_can", overrides)
     world = assemble(world_scenario(scenario, tmp_path / "command.parquet"))
@@ -121,9 +122,7 @@ def test_a_scenario_that_does_not_say_what_the_board_stands_for(tmp_path) -> Non
 def recorded(write_scenario, tmp_path):
     """A run, and a scenario that plays a part of it."""
     text = "[part.a]\nfmu = PROBE\n"
-    run = harness.run(
-        write_scenario(text, head="seconds = 0.05\nstep = 1e-3\n"), out=tmp_path / "r"
-    )
+    run = st.run(write_scenario(text, head="seconds = 0.05\nstep = 1e-3\n"), out=tmp_path / "r")
 
     def play(extra: str = "", step: str = "1e-3"):
         more = f'[part.b]\nrecorded = "{run.file.as_posix()}"\n{extra}'
@@ -135,7 +134,7 @@ def recorded(write_scenario, tmp_path):
 
 def test_a_recorded_part_gives_what_was_recorded_to_the_bit(recorded, tmp_path) -> None:
     run, scenario = recorded('of = "a"\n')
-    again = harness.run(scenario, out=tmp_path / "again", report=False)
+    again = st.run(scenario, out=tmp_path / "again", report=False)
     assert len(again.time) == len(run.time)
     for name in run.table.column_names[1:]:
         other = name.replace("a.", "b.", 1)
@@ -152,7 +151,7 @@ def test_a_recorded_part_that_is_not_there(recorded) -> None:
 def test_another_step_is_refused(recorded, tmp_path) -> None:
     _, scenario = recorded('of = "a"\n', step="2e-3")
     with pytest.raises((FaultError, SteadytipError), match="another step"):
-        harness.run(scenario, out=tmp_path / "x", report=False)
+        st.run(scenario, out=tmp_path / "x", report=False)
 
 
 def test_a_setting_that_there_is_not(recorded) -> None:

@@ -7,11 +7,11 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fmu_src.errors import SteadytipError
 from harness.can.clock import BoardClock
-from harness.can.drive import Drive
-from harness.can.mischief import KINDS, Fault, parse
+from harness.can.fault_injection import KINDS, Fault, parse
 from harness.can.protection import Counter, Status
-from harness.errors import SteadytipError
+from harness.can.voltage_ramp import VoltageRamp
 
 LIMITS = [(0.0, 100.0)] * 3
 
@@ -80,7 +80,7 @@ def test_a_stall_of_half_a_second_does_not_move_the_clock() -> None:
     )
 )
 def test_a_drive_never_jumps_and_never_leaves_its_limits(steps) -> None:
-    drive = Drive(LIMITS, 0.2)
+    drive = VoltageRamp(LIMITS, 0.2)
     before, asked = list(drive.volts), None
     for follows, wanted in steps:
         now = list(drive.step(wanted if follows else None))
@@ -104,7 +104,7 @@ def test_an_offset_that_stays_is_learnt() -> None:
 
 
 def test_a_drive_catches_up_with_what_moves_faster_than_it_may() -> None:
-    drive = Drive(LIMITS, 0.2)
+    drive = VoltageRamp(LIMITS, 0.2)
     t = np.arange(2000) * 1e-3
     wanted = 50 + 40 * np.sin(2 * np.pi * 10 * t)
     volts = []

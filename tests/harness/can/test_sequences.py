@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from harness.can.database import HOLD, RUN
-from harness.can.mischief import KINDS, Fault
+from harness.can.fault_injection import KINDS, Fault
 from tests.harness.can.virtual import STEP, Rig, truth
 
 SEEDS = 1000

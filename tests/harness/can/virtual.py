@@ -8,12 +8,12 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from harness.can.boardnode import BoardNode
+from harness.can.channel import Address, State
+from harness.can.controller_node import ControllerNode
 from harness.can.database import Database, load
-from harness.can.medium import Address, State
-from harness.can.mischief import Fault
-from harness.can.node import LoopNode
-from harness.scenario import Hil
+from harness.can.device_node import DeviceNode
+from harness.can.fault_injection import Fault
+from harness.scenario.schema import Hil
 
 STEP = 1e-3
 MS = 1000  # us
@@ -68,8 +68,8 @@ class Rig:
         each: Callable[["Rig"], None] = lambda _: None,
     ) -> None:
         self.database: Database = load(dbc)
-        self.board = BoardNode(self.database, "Board", NOWHERE, STEP, faults=faults, seed=seed)
-        self.loop = LoopNode(self.database, "Loop", NOWHERE, policy or Hil(), STEP)
+        self.board = DeviceNode(self.database, "Board", NOWHERE, STEP, faults=faults, seed=seed)
+        self.loop = ControllerNode(self.database, "Loop", NOWHERE, policy or Hil(), STEP)
         self.wire = Wire()
         self.board._medium = self.wire  # type: ignore[assignment]
         self.board._begun = 1

@@ -7,12 +7,13 @@ from typing import Any
 import numpy as np
 
 from harness.can.database import load
-from harness.can.mischief import parse
+from harness.can.fault_injection import parse
 from harness.can.reception import FAULTS
-from harness.parts import Port
-from harness.parts.can import FeedPart, Keys
-from harness.record import Column, Recorder
-from harness.result import Result
+from harness.parts.can.feed import FeedPart
+from harness.parts.can.settings import Keys
+from harness.parts.ports import Column, Port
+from harness.results.recorder import Recorder
+from harness.results.result import Result
 
 from ..can.virtual import STEP, Rig
 
@@ -27,9 +28,9 @@ def record(
     ticks: int = 2000,
     seed: int = 0,
     hil: dict[str, Any] | None = None,
-    **facts: Any,
+    **metadata: Any,
 ) -> Result:
-    """The record of a run with faults; `hil` and `facts` replace what it says about itself."""
+    """The record of a run with faults; `hil` and `metadata` replace what it says about itself."""
     chance = np.random.default_rng(seed)
     rows: list[list[float]] = []
 
@@ -65,7 +66,7 @@ def record(
         "log": None,
         "injected": {"faults": [*faults], "seed": seed},
         "limits": {},
-        **rig.loop.facts(),
+        **rig.loop.metadata(),
         **(hil or {}),
     }
     whole = {
@@ -74,7 +75,7 @@ def record(
         "machine": "none", "versions": {}, "texts": [], "overrides": {}, "undriven": [],
         "error": None, "wall": ticks * STEP, "ticks": ticks, "hil": told,
         "parts": {FEED: {"kind": "can"}, f"{FEED}.command": {"kind": "can", "of": FEED}},
-        **facts,
+        **metadata,
     }  # fmt: skip
     recorder = Recorder(folder, columns, STEP, whole)
     for values in rows:

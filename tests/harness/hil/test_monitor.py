@@ -20,7 +20,8 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness.bench.watched import (
+from fmu_src.errors import SteadytipError
+from harness.bench.monitor_load import (
     BOARD,
     LOOP,
     ROLES,
@@ -33,9 +34,8 @@ from harness.bench.watched import (
     motion,
     refresh,
 )
-from harness.errors import SteadytipError
-from harness.hil.live import Pulse, Rows, State, fresh, histogram, joined, tip_of, view_of
 from harness.hil.monitor import _parser, _serve, start_monitor
+from harness.hil.monitor_view import Pulse, Rows, State, fresh, histogram, joined, tip_of, view_of
 from harness.hil.ring import Ring
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")

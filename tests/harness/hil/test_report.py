@@ -9,10 +9,10 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.can.database import HOLD, RUN
-from harness.display import shown
-from harness.hil.reactions import troubles
-from harness.report import write_report
+from harness.common.quantities import format_quantity
 from harness.report.hil import hil_sections
+from harness.report.run_report import write_report
+from harness.results.fault_episodes import troubles
 
 from .synthetic import FEED, record
 
@@ -54,12 +54,12 @@ def table(result, heading: str) -> list[dict[str, str]]:
     ],
 )
 def test_short_times_are_shown_in_short_units(value, unit, words):
-    assert shown(value, unit) == words
+    assert format_quantity(value, unit) == words
 
 
 @given(st.floats(1e-9, 1e6))
 def test_a_shown_time_is_that_time_to_four_digits(seconds):
-    number, unit = shown(seconds, "s")
+    number, unit = format_quantity(seconds, "s")
     assert float(number) * {"µs": 1e-6, "ms": 1e-3, "s": 1.0}[unit] == pytest.approx(seconds, 6e-4)
     assert unit == "s" or float(number) <= 1000
 
@@ -68,7 +68,7 @@ def test_each_message_has_a_row_with_its_faults(faulty):
     rows = {row["message"]: row for row in table(faulty, "message")}
     assert rows["SensorsA"]["id"] == "0x110"
     assert rows["BoardHeartbeat"]["id"] == "0x701"
-    counted = faulty.facts["hil"]["messages"]
+    counted = faulty.metadata["hil"]["messages"]
     assert set(rows) == set(counted)
     for name, row in rows.items():
         for kind in ("received", "lost", "crc", "timeouts", "range"):
@@ -118,7 +118,7 @@ def test_troubles_hold_all_that_went_wrong_once(seed, tmp_path):
     mode, valid = result.signals(f"{FEED}.command.mode"), result.signals(f"{FEED}.valid")
     assert sum(each.held for each in found) == pytest.approx(1e-3 * np.sum(mode == HOLD))
     assert sum(each.invalid for each in found) == pytest.approx(1e-3 * np.sum(valid == 0))
-    events = result.facts["hil"]["events"]
+    events = result.metadata["hil"]["events"]
     assert {text for _, _, text in events} == {text for each in found for text in each.texts}
     ticks = [each.tick for each in found]
     assert ticks == sorted(set(ticks))
@@ -128,9 +128,9 @@ def test_troubles_hold_all_that_went_wrong_once(seed, tmp_path):
 
 
 def test_events_stand_at_the_tick_whose_signals_show_them(faulty):
-    facts, valid = faulty.facts["hil"], faulty.signals(f"{FEED}.valid")
-    assert len(facts["events"]) == len(facts["event_ticks"]) > 5
-    for (_, _, text), tick in zip(facts["events"], facts["event_ticks"], strict=True):
+    metadata, valid = faulty.metadata["hil"], faulty.signals(f"{FEED}.valid")
+    assert len(metadata["events"]) == len(metadata["event_ticks"]) > 5
+    for (_, _, text), tick in zip(metadata["events"], metadata["event_ticks"], strict=True):
         if text.startswith("invalid: "):
             assert valid[tick] == 0
         elif text.startswith("valid again"):
@@ -199,9 +199,9 @@ def test_histograms_count_every_tick_and_mark_the_percentiles(faulty):
     assert round(counts[counts >= 1].sum()) == len(latency)
     words = [note.text for note in histogram.layout.annotations]
     for quantile in (50, 90, 99, 99.9):
-        value = " ".join(shown(float(np.percentile(latency, quantile)), "s"))
+        value = " ".join(format_quantity(float(np.percentile(latency, quantile)), "s"))
         assert f"{quantile:g} %: {value}" in words
-    assert f"max: {' '.join(shown(float(latency.max()), 's'))}" in words
+    assert f"max: {' '.join(format_quantity(float(latency.max()), 's'))}" in words
 
 
 def test_the_course_shows_age_load_mode_and_when_which_fault_was_counted(faulty):
@@ -226,7 +226,7 @@ def test_the_course_shows_age_load_mode_and_when_which_fault_was_counted(faulty)
         for kind in marks
     }
     before = {kind: faulty.signals(f"{FEED}.{kind}")[0] for kind in marks}
-    assert counted == {k: faulty.facts["hil"]["counts"][k] - before[k] for k in marks}
+    assert counted == {k: faulty.metadata["hil"]["counts"][k] - before[k] for k in marks}
     # Shaded and named: what the board was asked for.
     words = [note.text for note in course.layout.annotations]
     assert words == ["drop", "corrupt", "silence", "unavailable", "babble"]
@@ -245,14 +245,14 @@ def test_the_page_has_the_section_and_nothing_of_it_without_a_wall_clock(faulty,
     ):
         assert text in page
     plain = record(tmp_path, ticks=50)
-    facts = {k: v for k, v in plain.facts.items() if k != "hil"}
-    plain.__dict__["facts"] = facts
+    metadata = {k: v for k, v in plain.metadata.items() if k != "hil"}
+    plain.__dict__["metadata"] = metadata
     assert list(hil_sections(plain)) == []
 
 
 def test_a_loop_without_a_bus_has_conditions_only(tmp_path):
     result = record(tmp_path, ticks=50, parts={})
-    result.facts["hil"].pop("messages")
+    result.metadata["hil"].pop("messages")
     (section,) = hil_sections(result)
     assert "there is no bus" in section.text[0]
     assert len(section.tables) == 1

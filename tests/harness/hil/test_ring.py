@@ -9,9 +9,10 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from harness.errors import RecordError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import RecordError
 from harness.hil.ring import Ring, memory_folder
-from harness.record import Column
+from harness.parts.ports import Column
 
 STEP = 1e-3
 
@@ -80,7 +81,7 @@ import sys, time
 from pathlib import Path
 import numpy as np
 from harness.hil.ring import Ring
-from harness.record import Column
+from harness.parts.ports import Column
 
 columns = [Column(f"part.port_{i}", "Real", "", "") for i in range(int(sys.argv[2]))]
 writer = Ring.create(Path(sys.argv[1]), columns, 1e-3, capacity=int(sys.argv[3]))

@@ -5,9 +5,9 @@ import json
 import pytest
 from typer.testing import CliRunner
 
+from fmu_src.errors import SteadytipError
 from harness.can.database import load
-from harness.cli import app
-from harness.errors import SteadytipError
+from harness.cli.main import app
 from harness.hil import speed
 from harness.hil.speed import Link, codec_figures, loop_figures, pacing_figures
 

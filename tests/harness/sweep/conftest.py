@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-import harness
-from harness.sweep.outcome import Outcome
+import steadytip as st
+from harness.sweep.outcome import SweepResult
 
 SMALL = """
 seconds = 1.5
@@ -43,7 +43,7 @@ def small(tmp_path: Path) -> Small:
     return write
 
 
-def alone(outcome: Outcome, run: int, scenario: Path, folder: Path) -> dict[str, Any]:
+def alone(outcome: SweepResult, run: int, scenario: Path, folder: Path) -> dict[str, Any]:
     """Figures of a case that is run by itself, with what its command says."""
     import shlex
     import tomllib
@@ -62,12 +62,10 @@ def alone(outcome: Outcome, run: int, scenario: Path, folder: Path) -> dict[str,
             assert option == "--set"
             key, _, text = value.partition("=")
             values[key] = tomllib.loads(f"value = {text}")["value"]
-    result = harness.run(
-        scenario, overrides=values, motion=motion, out=folder / "alone", report=False
-    )
+    result = st.run(scenario, overrides=values, motion=motion, out=folder / "alone", report=False)
     return {name: metric.value for name, metric in result.metrics.items() if name != CLOCK}
 
 
-def figures(outcome: Outcome, run: int) -> dict[str, Any]:
+def figures(outcome: SweepResult, run: int) -> dict[str, Any]:
     row = outcome.table.to_pylist()[run]
     return {name: row[name] for name in outcome.figures}

@@ -15,11 +15,11 @@ from pathlib import Path
 import pytest
 from distributed import LocalCluster
 
-from harness.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.sweep import cluster
 from harness.sweep.cluster import Luggage
-from harness.sweep.run import prepare
-from harness.sweep.stand import Base, Stand
+from harness.sweep.execution import prepare
+from harness.sweep.worker import Base, Worker
 
 from .test_sweep import BAD, CHANCE, journal_lines, posix, rows, start, swept, wait_for
 
@@ -80,7 +80,7 @@ def test_what_workers_need_goes_as_bytes_and_each_content_once(small, tmp_path):
 def test_a_worker_runs_from_what_it_was_sent_alone(small, tmp_path):
     """The very files are gone: what a worker on another machine would find."""
     prepared = prepare(small(CHANCE), {})
-    here = Stand(prepared.base)
+    here = Worker(prepared.base)
     wanted = here.perform(prepared.plan.case(1)).metrics
     here.close()
     sent = {}
@@ -93,7 +93,7 @@ def test_a_worker_runs_from_what_it_was_sent_alone(small, tmp_path):
     shutil.rmtree(tmp_path / "here")
     luggage.setup(None)
     try:
-        stand = Stand(cluster._bases[luggage.name][0])
+        stand = Worker(cluster._bases[luggage.name][0])
         found = stand.perform(prepared.plan.case(1))
         stand.close()
         assert found.metrics == wanted

@@ -7,9 +7,9 @@ import numpy as np
 from hypothesis import given
 from hypothesis import strategies as st
 
-from harness import scenario as scenarios
+from harness.scenario import load as scenarios
+from harness.scenario.sweep import Sweep
 from harness.sweep.plan import Group, Plan, Queue, groups_of
-from harness.sweep.table import Sweep
 
 CLOSED = scenarios.load("closed_loop")
 TWO = {"a": {"min": 0.0, "max": 1.0}, "b": {"mean": 0.0, "sigma": 1.0}}

@@ -12,12 +12,13 @@ from pyarrow import parquet
 from rich.console import Console
 from typer.testing import CliRunner
 
-import harness
-from harness.cli import app
-from harness.errors import ProblemsError, SteadytipError, StoppedError
-from harness.sweep import cli
-from harness.sweep import crew as crews
-from harness.sweep.outcome import Outcome, read
+import steadytip as st
+from fmu_src.errors import SteadytipError
+from harness.cli import sweep as cli
+from harness.cli.main import app
+from harness.common.errors import ProblemsError, StoppedError
+from harness.sweep import executors as crews
+from harness.sweep.outcome import SweepResult, read
 from harness.sweep.store import JOURNAL, PARQUET
 
 from .conftest import NOISE, alone, figures
@@ -40,19 +41,18 @@ GRID = f'[sweep]\n[sweep.vary]\n"{NOISE}" = [1e-6, 2e-6, -1.0, 3e-6]\n'
 posix = pytest.mark.skipif(sys.platform == "win32", reason="needs signals of POSIX")
 
 
-def swept(path: Path, folder: Path, **more) -> Outcome:
-    return harness.sweep(path, **{"out": folder, "workers": 0, "page": False, **more})
+def swept(path: Path, folder: Path, **more) -> SweepResult:
+    return st.sweep(path, **{"out": folder, "workers": 0, "page": False, **more})
 
 
-def rows(outcome: Outcome) -> list[dict]:
+def rows(outcome: SweepResult) -> list[dict]:
     """Without what a clock says."""
     return outcome.table.drop(["wall", "cpu"]).to_pylist()
 
 
 def start(path: Path, folder: Path, *more: str, code: str = "") -> subprocess.Popen:
-    script = (
-        f"import sys\nfrom harness.cli import main\n{code}\nif __name__ == '__main__': main()\n"
-    )
+    main = "from harness.cli.main import main"
+    script = f"import sys\n{main}\n{code}\nif __name__ == '__main__': main()\n"
     (folder.parent / "go.py").write_text(script)
     command = [sys.executable, str(folder.parent / "go.py"), "sweep", str(path)]
     return subprocess.Popen(
@@ -98,8 +98,8 @@ def test_the_table_says_units_and_what_figures_are(small, tmp_path):
     assert found.units[NOISE] == "m"
     assert found.units["drive_rate"] == "V/s"
     assert schema.field("drive_rms").metadata[b"description"].startswith(b"rms of the voltages")
-    assert found.facts["seed"] == 5
-    assert found.facts["runs"] == 2
+    assert found.metadata["seed"] == 5
+    assert found.metadata["runs"] == 2
     assert read(tmp_path / "out" / PARQUET).table.equals(found.table)
 
 
@@ -207,7 +207,7 @@ def test_the_command_varies_what_it_is_told_to(small, tmp_path):
     assert result.exit_code == 0, result.output
     assert result.output == ""
     found = read(tmp_path / "out")
-    assert found.facts["method"] == "grid"
+    assert found.metadata["method"] == "grid"
     assert [(r[NOISE], r["part.again.noise"]) for r in rows(found)] == [
         (a, b) for a in (1e-6, 2e-6) for b in (0.0, 5e-7, 1e-6)
     ]
@@ -222,7 +222,7 @@ def test_a_variable_is_said_once(small):
 
 @pytest.mark.parametrize("width", [80, 120])
 def test_figures_have_a_line_each_on_any_terminal(small, tmp_path, monkeypatch, width):
-    monkeypatch.setattr(cli, "_console", Console(width=width))
+    monkeypatch.setattr(cli, "console", Console(width=width))
     arguments = ["sweep", str(small(GRID.replace("-1.0", "4e-6"))), "--workers", "0", "--no-page"]
     output = CliRunner().invoke(app, [*arguments, "--out", str(tmp_path / "out")]).output
     assert ("most" in output) == (width > 80)
@@ -300,14 +300,14 @@ def test_a_worker_that_is_killed_loses_its_run_only_which_is_tried_again(
     small, tmp_path, monkeypatch
 ):
     path, folder = small(CHANCE), tmp_path / "out"
-    give = crews.LocalCrew.give
+    give = crews.ProcessExecutor.give
 
     def kill_during_run_5(self, worker, case):
         give(self, worker, case)
         if case.number == 5:
             self._workers[worker].process.kill()
 
-    monkeypatch.setattr(crews.LocalCrew, "give", kill_during_run_5)
+    monkeypatch.setattr(crews.ProcessExecutor, "give", kill_during_run_5)
     found = swept(path, folder, workers=2)
     assert [number for number, _, _ in found.failed] == [5]
     assert "SIGKILL" in found.failed[0][2]
@@ -384,14 +384,14 @@ def test_a_full_disk_ends_the_sweep_with_a_message_and_room_lets_it_go_on(small,
 
 def test_ctrl_c_between_two_runs_keeps_what_there_is(small, tmp_path, monkeypatch):
     path, folder = small(CHANCE), tmp_path / "out"
-    perform = crews.Stand.perform
+    perform = crews.Worker.perform
 
     def stopped(self, case):
         if case.number == 4:
             raise KeyboardInterrupt
         return perform(self, case)
 
-    monkeypatch.setattr(crews.Stand, "perform", stopped)
+    monkeypatch.setattr(crews.Worker, "perform", stopped)
     with pytest.raises(StoppedError, match="4 of 12 runs are in"):
         swept(path, folder, seeds=[1])
     assert read(folder).table.num_rows == 4
@@ -411,7 +411,7 @@ def test_throughput_is_of_the_runs_alone():
 def test_a_script_that_starts_itself_again_is_told_so(small, tmp_path):
     script = tmp_path / "script.py"
     script.write_text(
-        f"import harness\nharness.sweep({str(small(CHANCE))!r}, out={str(tmp_path)!r})\n"
+        f"import steadytip as st\nst.sweep({str(small(CHANCE))!r}, out={str(tmp_path)!r})\n"
     )
     done = subprocess.run([sys.executable, script], cwd=ROOT, capture_output=True, text=True)
     assert done.returncode == 1

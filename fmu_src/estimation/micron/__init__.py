@@ -1,0 +1,1 @@
+"""Attitude and tip motion from six accelerometers and a magnetometer."""

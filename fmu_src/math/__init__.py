@@ -1,0 +1,1 @@
+"""Rotations, sums, phasors and linear filters that models are written with."""

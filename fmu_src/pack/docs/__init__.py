@@ -1,0 +1,1 @@
+"""Documentation of models: the page inside an FMU, its icon, and the table of all models."""

@@ -1,0 +1,54 @@
+"""Variables of a model as rows of a table."""
+
+import math
+import sys
+from collections.abc import Iterable, Iterator
+from dataclasses import dataclass
+from itertools import groupby
+
+from fmu_src.kit import Model
+from fmu_src.kit.records import Field, Record
+
+
+@dataclass(frozen=True)
+class Row:
+    """A field as people read it: name, shape, unit, start values, limits, what it is."""
+
+    name: str
+    shape: str
+    unit: str
+    start: str
+    limits: str
+    sentence: str
+
+
+def rows(record: type[Record], prefix: str = "") -> Iterator[Row]:
+    """Fields of a record, nested ones under their dotted path."""
+    for name, field in record.fields.items():
+        if not isinstance(field, Field):
+            yield from rows(field, f"{prefix}{name}.")
+            continue
+        low, high = (
+            "" if math.isinf(value) else f"{value:.6g}" for value in (field.min, field.max)
+        )
+        yield Row(
+            name=prefix + name,
+            shape=" x ".join(map(str, field.shape)),
+            unit=(field.unit or "1") if field.kind == "Real" else field.kind,
+            start=_start(field.start),
+            limits=f"{low} .. {high}" if low or high else "",
+            sentence=field.description + (" Tunable." if field.tunable else ""),
+        )
+
+
+def source(model: Model) -> str:
+    """Path of the model's module in the project."""
+    return sys.modules[model.step.__module__].__name__.replace(".", "/") + ".py"
+
+
+def _start(values: Iterable[float]) -> str:
+    """Start values, runs of equal ones written once."""
+    runs = [(value, len(list(same))) for value, same in groupby(values)]
+    if len(runs) > 12:
+        return "see source"
+    return ", ".join(f"{value:.6g}" + (f" x {n}" if n > 1 else "") for value, n in runs)

@@ -1,0 +1,1 @@
+"""Files of an FMU, native and Python."""

@@ -1,0 +1,1 @@
+"""Noise terms of sensors at rest, by their Allan deviation."""

@@ -1,0 +1,1 @@
+"""Parameters of the hand's motion generator from recordings."""

@@ -1,0 +1,1 @@
+"""Rotation and delay between an inertial unit and a tracker's sensor."""

@@ -1,0 +1,1 @@
+"""Hysteresis operators of a piezo stack from voltage and stroke."""

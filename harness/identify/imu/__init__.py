@@ -1,0 +1,1 @@
+"""Measurement model of the inertial sensors from rests on a turntable."""

@@ -1,1 +1,0 @@
-"""What can be identified: one module with a function `command` for each kind."""

@@ -1,0 +1,1 @@
+"""The cascade neural tremor filter, trained on recordings."""

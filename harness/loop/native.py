@@ -1,0 +1,319 @@
+"""Many ticks of the loop in one native call, where all parts allow it.
+
+`native.c` does what `Loop` does in Python, to the same bits: gathers the inputs of each part from
+the history, calls the FMU through its function pointers, checks that outputs are finite and the
+step was in time, records a row. It comes back when the room for rows is full, at the end, when the
+user wants that, or when something is wrong; then the part that was called says what, in its own
+words. Meanwhile the interpreter is free, and the watching thread reads here what is being called.
+
+The library is compiled once and kept under a name that its source determines. Where it cannot be
+had, without the compiler or on a disk that is read-only, the loop goes tick by tick in Python.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import hashlib
+import platform
+import sys
+import time
+from collections.abc import Sequence
+from contextlib import suppress
+from enum import IntEnum
+from functools import cache, partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from harness.common.errors import SteadytipError
+from harness.common.types import FloatArray
+from harness.parts.protocols import FmuCalls, NativelySteppable, OutputTable, Part, TypedAccess
+
+if TYPE_CHECKING:
+    from fmu_src.pack.fmu.native import Slice
+
+__all__ = ["ACCESS", "NativeLoop", "NativeStatus", "accesses", "compiled", "library", "plan"]
+
+_SOURCE = Path(__file__).with_name("native.c")
+ACCESS = Path(__file__).with_name("access.h")
+"""What `accesses` lays out, in C."""
+_FLAGS = ("-std=c99", "-O2", "-shared", "-nostdlib", "-ffreestanding", "-fno-builtin")
+_FOLDER = Path("build", "c", "runs")
+
+
+class NativeStatus(IntEnum):
+    """Why the native call came back."""
+
+    FULL, DONE, STOPPED, FAILED, NOT_FINITE, LATE = range(6)
+
+
+class _Access(ctypes.Structure):
+    _fields_ = (
+        ("call", ctypes.c_void_p),
+        ("references", ctypes.c_void_p),
+        ("count", ctypes.c_size_t),
+        ("values", ctypes.c_void_p),
+        ("integers", ctypes.c_void_p),
+    )
+
+
+def accesses(calls: Sequence[TypedAccess]) -> Any:
+    """Calls that pass values as an array for C, which lives as long as somebody holds it."""
+    return (_Access * len(calls))(
+        *(_Access(a.function, a.references, a.count, a.values, a.integers) for a in calls)
+    )
+
+
+class _Part(ctypes.Structure):
+    _fields_ = (
+        ("inputs", ctypes.c_size_t),
+        ("sources", ctypes.c_void_p),
+        ("u", ctypes.c_void_p),
+        ("outputs", ctypes.c_size_t),
+        ("y", ctypes.c_void_p),
+        ("limit", ctypes.c_double),
+        ("do_step", ctypes.c_void_p),
+        ("component", ctypes.c_void_p),
+        ("never_returns", ctypes.c_int),
+        ("setters", ctypes.c_size_t),
+        ("getters", ctypes.c_size_t),
+        ("set", ctypes.c_void_p),
+        ("get", ctypes.c_void_p),
+        ("table", ctypes.c_void_p),
+        ("rows", ctypes.c_int64),
+    )
+
+
+class _March(ctypes.Structure):
+    _fields_ = (
+        ("count", ctypes.c_size_t),
+        ("parts", ctypes.c_void_p),
+        ("history", ctypes.c_void_p),
+        ("width", ctypes.c_size_t),
+        ("length", ctypes.c_size_t),
+        ("step", ctypes.c_double),
+        ("tick", ctypes.c_int64),
+        ("last", ctypes.c_int64),
+        ("row", ctypes.c_void_p),
+        ("room", ctypes.c_int64),
+        ("clock", ctypes.c_void_p),
+        ("clock_id", ctypes.c_int),
+        ("clock_period", ctypes.c_double),
+        ("begun", ctypes.c_int64),
+        ("stop", ctypes.c_int),
+        ("part", ctypes.c_int64),
+        ("call", ctypes.c_int64),
+        ("status", ctypes.c_int64),
+        ("took", ctypes.c_double),
+    )
+
+
+@cache
+def library() -> Any:
+    """The compiled `native.c`; None where it cannot be had."""
+    content = ACCESS.read_bytes() + _SOURCE.read_bytes()
+    where = " ".join((*_FLAGS, platform.system(), platform.machine()))
+    digest = hashlib.sha256(content + where.encode()).hexdigest()[:32]
+    path = (_FOLDER / f"{digest}.lib").resolve()
+    for _ in range(2):
+        with suppress(OSError, SteadytipError):
+            if not path.is_file():
+                from fmu_src.pack.fmu import native
+
+                part = native.TARGETS[native.host()][-1 if platform.machine() == "arm64" else 0]
+                native.kept(path, partial(compiled, part, path.parents[1]))
+            try:
+                return ctypes.CDLL(str(path))
+            except OSError:  # damaged: once more
+                path.unlink()
+    return None
+
+
+def compiled(part: Slice, cache: Path, *warnings: str) -> bytes:
+    """The library for a platform.
+
+    Args:
+        part: platform.
+        cache: folder of the compiler's own files.
+        warnings: flags for those that are wanted.
+
+    Raises:
+        SteadytipError: the compiler is missing or refuses the source.
+    """
+    from fmu_src.pack.fmu import native
+
+    flags = [flag.format(name="march") for flag in part.flags if flag != "-lm"]
+    arguments = ["-target", part.triple, *_FLAGS, *warnings, "native.c", "-o", "march.lib", *flags]
+    texts = {path.name: path.read_text(encoding="utf-8") for path in (ACCESS, _SOURCE)}
+    return native.compile_c(texts, arguments, "march.lib", cache)
+
+
+def plan(parts: Sequence[Part]) -> list[FmuCalls | OutputTable] | None:
+    """How each part that has been started is called natively; None if one is not."""
+    if library() is None:
+        return None
+    found = [part.native_step() if isinstance(part, NativelySteppable) else None for part in parts]
+    return None if None in found else found  # type: ignore[return-value]
+
+
+class NativeLoop:
+    """The plan of a loop, laid out for `native.c`, and where it is in it."""
+
+    def __init__(
+        self,
+        calls: Sequence[FmuCalls | OutputTable],
+        sources: Sequence[NDArray[np.intp]],
+        inputs: Sequence[FloatArray],
+        outputs: Sequence[FloatArray],
+        limits: Sequence[float],
+        history: FloatArray,
+        width: int,
+        step: float,
+        first: int,
+        last: int,
+    ) -> None:
+        """Lay out; all arrays are used where they are.
+
+        Args:
+            calls: of each part, in run order.
+            sources: of each part, places of its inputs in the history.
+            inputs: of each part, where they go.
+            outputs: of each part, within the history.
+            limits: of each part, wall-clock time that a step may take [s].
+            history: (n * width,) signals of this tick, of the one before, ...
+            width: number of signals.
+            step: period [s].
+            first: tick to begin with.
+            last: tick to stop before.
+        """
+        self._calls = calls
+        self._alive: list[Any] = [sources, inputs, outputs, history]
+        self._parts = (_Part * len(calls))(
+            *(
+                self._part(each, s, u, y, limit)
+                for each, s, u, y, limit in zip(
+                    calls, sources, inputs, outputs, limits, strict=True
+                )
+            )
+        )
+        call, which, period = _clock()
+        self._alive.append(call)
+        self._now = _March(
+            count=len(calls),
+            parts=ctypes.addressof(self._parts),
+            history=history.ctypes.data,
+            width=width,
+            length=len(history),
+            step=step,
+            tick=first,
+            last=last,
+            clock=ctypes.cast(call, ctypes.c_void_p),
+            clock_id=which,
+            clock_period=period,
+        )
+        self._function = library().march
+        self._running = False
+        self._seen, self._since = 0, 0.0
+
+    def go(self, room: FloatArray) -> NativeStatus:
+        """Run until something has to be done about it, and say what.
+
+        Args:
+            room: (n, width) for rows of signals; n ticks at most are run.
+        """
+        assert len(room) > 0
+        assert room.flags.c_contiguous
+        self._now.row, self._now.room = room.ctypes.data, len(room)
+        self._running = True
+        try:
+            return NativeStatus(self._function(ctypes.byref(self._now)))
+        finally:
+            self._running = False
+
+    def stop(self) -> None:
+        """Have it come back after the tick that it is in; from any thread."""
+        self._now.stop = 1
+
+    @property
+    def tick(self) -> int:
+        """Number of ticks that are done."""
+        return int(self._now.tick)
+
+    @property
+    def part(self) -> int:
+        """Index of the part that something is wrong with."""
+        return int(self._now.part)
+
+    @property
+    def took(self) -> float:
+        """Its step, when that was late [s]."""
+        return float(self._now.took)
+
+    def blame(self) -> None:
+        """Say what failed, as the part's own `advance` would.
+
+        Raises:
+            FaultError: that.
+        """
+        calls = self._calls[self.part]
+        assert isinstance(calls, FmuCalls)
+        calls.blame(self._now.call, self._now.status)
+
+    def called(self) -> tuple[int, int, float] | None:
+        """For a thread that looks now and then: what is being called.
+
+        Returns:
+            Index of the part, tick, and since when a look has seen it [s, `time.perf_counter`];
+            None when nothing is.
+        """
+        if not self._running:
+            return None
+        begun = self._now.begun
+        if begun != self._seen:
+            self._seen, self._since = begun, time.perf_counter()
+        tick, index = divmod(begun - 1, len(self._calls))
+        return (index, tick, self._since) if begun else None
+
+    def _part(
+        self,
+        calls: FmuCalls | OutputTable,
+        sources: NDArray[np.intp],
+        u: FloatArray,
+        y: FloatArray,
+        limit: float,
+    ) -> _Part:
+        part = _Part(
+            inputs=len(sources),
+            sources=sources.ctypes.data,
+            u=u.ctypes.data,
+            outputs=len(y),
+            y=y.ctypes.data,
+            limit=limit,
+        )
+        if isinstance(calls, OutputTable):
+            table = np.ascontiguousarray(calls.values, dtype=float)
+            self._alive.append(table)
+            part.table, part.rows = table.ctypes.data, len(table)
+            return part
+        part.do_step, part.component = calls.do_step, calls.component
+        part.never_returns = calls.never_returns
+        part.setters, part.set = len(calls.set), self._accesses(calls.set)
+        part.getters, part.get = len(calls.get), self._accesses(calls.get)
+        return part
+
+    def _accesses(self, calls: Sequence[TypedAccess]) -> int:
+        array = accesses(calls)
+        self._alive.append(array)
+        return ctypes.addressof(array)
+
+
+def _clock() -> tuple[Any, int, float]:
+    """A monotonic clock's function, its argument, and the period of a counter [s]."""
+    if sys.platform == "win32":
+        kernel = ctypes.WinDLL("kernel32")
+        frequency = ctypes.c_int64()
+        kernel.QueryPerformanceFrequency(ctypes.byref(frequency))
+        return kernel.QueryPerformanceCounter, 0, 1.0 / frequency.value
+    return ctypes.CDLL(None).clock_gettime, time.CLOCK_MONOTONIC, 0.0

@@ -1,0 +1,61 @@
+"""The kind of part `can`: the loop's end of a bus, or the board's."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+
+from pydantic import ValidationError
+
+from harness.can.database import load
+from harness.common.errors import ProblemsError, nearest
+from harness.parts.can.board import BoardPart
+from harness.parts.can.feed import FeedPart
+from harness.parts.can.settings import Keys
+from harness.parts.protocols import Settings
+
+__all__ = ["KIND"]
+
+
+class _Kind:
+    """See `Kind`."""
+
+    def prepare(
+        self, settings: Mapping[str, Settings], progress: Callable[[str], None]
+    ) -> Mapping[str, Settings]:
+        """Nothing has to be prepared."""
+        return settings
+
+    def __call__(self, name: str, settings: Settings, seed: int) -> FeedPart | BoardPart:
+        """Make the loop's end of a bus, or the board's; see `Kind`."""
+        try:
+            keys = Keys.model_validate(dict(settings))
+        except ValidationError as error:
+            known = Keys.model_fields
+            raise ProblemsError(
+                f"part '{name}'",
+                [
+                    f"a part on a bus has no setting '{e['loc'][0]}'; "
+                    f"{nearest(str(e['loc'][0]), known)}"
+                    if e["type"] == "extra_forbidden"
+                    else f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}"
+                    for e in error.errors()
+                ],
+            ) from None
+        database = load(keys.can)
+        if keys.node not in database.nodes:
+            raise ProblemsError(
+                f"part '{name}'",
+                [
+                    f"{database.path.name} has no node '{keys.node}'; "
+                    f"{nearest(keys.node, database.nodes)}"
+                ],
+            )
+        if any(m.role == "sample" for m in database.sent_by(keys.node)):
+            from harness.parts.can.board import BoardPart
+
+            return BoardPart(name, keys, database)
+        return FeedPart(name, keys, database)
+
+
+KIND = _Kind()
+"""Of the key `can`."""

@@ -1,0 +1,1 @@
+"""Recordings that people bring: tables in many dialects, and what they hold."""

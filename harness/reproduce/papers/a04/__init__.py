@@ -1,0 +1,1 @@
+"""A04's tables and figures."""

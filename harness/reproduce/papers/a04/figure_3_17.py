@@ -1,0 +1,69 @@
+"""A04 figure 3.17: root Allan variance of 30 minutes at 1 kHz, after warming up."""
+
+from __future__ import annotations
+
+from harness.common.figures import Figure
+from harness.reproduce.item import Context, Item, ItemResult
+
+SOURCE = "A04 figure 3.17"
+MINUTES = 30.0
+SEED = 5
+POWERED = 1e7
+"""Time that the unit has been on [s]."""
+BAND = (0.5, 50.0)
+"""Averaging times between the output filter and the last few averages [s]."""
+
+
+def run(context: Context) -> ItemResult:
+    """The raw unit, warm and motionless."""
+    import numpy as np
+
+    from harness.report.page import Plot
+    from harness.reproduce.experiments import motionless as bench
+
+    context.progress(0.0, "recording")
+    rest = bench.motionless(MINUTES * 60, bench.RATE, POWERED, SEED)
+    context.progress(0.8, "averaging")
+    noises = bench.noises(rest)
+    setting = f"simulated; {MINUTES:g} min at 1 kHz, warm, six channels"
+    inside = np.concatenate([bench.slopes(noise, *BAND) for noise in noises.values()])
+    density = [noise.terms["white"].value for noise in noises.values()]
+    others = sum(bench.shown(noises, term) for term in ("bias", "walk", "trend"))
+    low, high = BAND
+    return ItemResult(
+        figures=(
+            Figure(
+                SOURCE,
+                f"slope from {low:g} to {high:g} s, mean",
+                "",
+                -0.5,
+                float(inside.mean()),
+                setting,
+            ),
+            Figure(
+                SOURCE, "channels with another term than white noise", "", 0, float(others), setting
+            ),
+            Figure(
+                SOURCE,
+                "white noise, mean (paper: 2.25 mg in 15.1 Hz)",
+                "m/s2/Hz0.5",
+                bench.NOISE,
+                float(np.mean(density)),
+                setting,
+            ),
+        ),
+        plots=(Plot("Root Allan variance", "Dotted: terms of a1x.", bench.plotted(noises)),),
+        notes=(
+            "Simulated: the unit of `raw_unit` with the noise of A04 table 2.3. Below 0.2 s the "
+            "output filter of 15.1 Hz takes white noise away, which the terms know.",
+        ),
+    )
+
+
+ITEM = Item(
+    name="figure-3.17",
+    source=SOURCE,
+    title="Root Allan variance of 30 minutes at 1 kHz",
+    group="sensing",
+    run=run,
+)

@@ -1,0 +1,1 @@
+"""BROAD's tables and figures."""

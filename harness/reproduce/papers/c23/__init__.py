@@ -1,0 +1,1 @@
+"""C23's tables and figures."""

@@ -1,0 +1,1 @@
+"""E13's tables and figures."""

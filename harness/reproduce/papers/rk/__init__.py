@@ -1,0 +1,1 @@
+"""RK's tables and figures."""

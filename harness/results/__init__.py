@@ -1,0 +1,1 @@
+"""Record of a run: written, read, and judged by figures of merit."""

@@ -1,0 +1,240 @@
+"""One run from scenario to report."""
+
+from __future__ import annotations
+
+import os
+import platform
+import tempfile
+from collections.abc import Callable, Mapping
+from importlib.metadata import version
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, Protocol
+
+import fmu_src
+from harness.common.errors import RecordError, RunError, SteadytipError, StoppedError
+from harness.common.files import reason
+from harness.loop.loop import Loop, LoopOutcome, Progress, RealTimeClock
+from harness.loop.segments import run_segments
+from harness.parts.protocols import RunContext
+from harness.recordings.run_record import record_file
+from harness.results.recorder import Recorder
+from harness.results.result import Result
+from harness.scenario import load as scenarios
+from harness.system.assembly import System, assemble
+
+if TYPE_CHECKING:
+    import pyarrow as pa
+
+    from harness.common.types import FloatArray
+
+__all__ = ["HilSession", "default_folder", "metadata_of", "perform", "run"]
+
+_VERSIONS = ("fmpy", "numpy", "scipy", "pyarrow", "plotly")
+
+
+class HilSession(Protocol):
+    """What there is beside a loop that keeps to the wall clock."""
+
+    @property
+    def pace(self) -> RealTimeClock:
+        """Of the ticks."""
+
+    @property
+    def observe(self) -> Callable[[FloatArray], None] | None:
+        """Takes the signals of every tick."""
+
+    def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
+        """The loop has ended: end everything else.
+
+        Returns:
+            More facts about the run, JSON types only.
+        """
+
+    def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
+        """More columns of the record, a row for each tick, and facts that follow from them."""
+
+
+def run(
+    scenario: str | os.PathLike[str],
+    *,
+    motion: str | os.PathLike[str] | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    variant: str | None = None,
+    out: str | os.PathLike[str] | None = None,
+    csv: bool = False,
+    report: bool = True,
+    fuse: bool = False,
+    status: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _done, _seconds: None,
+) -> Result:
+    """Run a scenario and write its record, metrics and report.
+
+    Args:
+        scenario: path of a scenario file, or the name of a shipped one.
+        motion: recording for the one part that takes one.
+        overrides: values by dotted key, put in place of the scenario's, `{"part.hand.seed": 3}`.
+        variant: which of the scenario's variants.
+        out: folder for the results; by default `build/runs/SCENARIO[-VARIANT][-RECORDING]`.
+        csv: write the signals as CSV, too.
+        report: write `report.html`.
+        fuse: run what can be fused as one FMU; see `harness.system.container`.
+        status: told in a few words what is being done.
+        progress: told simulated time done and in all [s], some times a second.
+
+    Raises:
+        RunError: the run ended early; its `result` holds what was recorded until then.
+        SteadytipError: a mistake in the scenario, the recording, or an FMU; nothing was run.
+    """
+    checked = scenarios.load(scenario, overrides, variant)
+    system = assemble(checked, Path(motion) if motion is not None else None, status)
+    on_bus = [name for name, table in checked.parts.items() if table.kind == "can"]
+    if on_bus:
+        raise SteadytipError(
+            f"{', '.join(on_bus)} in {checked.name} is on a CAN bus, which keeps to the wall "
+            f"clock: steadytip hil {checked.name}"
+        )
+    if fuse:
+        from harness.system import container as fused
+
+        system = fused.fuse(system, lambda name: status(f"building {name}"))
+    folder = Path(out) if out is not None else default_folder(system)
+    return perform(system, folder, csv=csv, report=report, status=status, progress=progress)
+
+
+def perform(
+    system: System,
+    folder: Path,
+    *,
+    rig: HilSession | None = None,
+    csv: bool = False,
+    report: bool = True,
+    status: Callable[[str], None] = lambda _: None,
+    progress: Progress = lambda _done, _seconds: None,
+) -> Result:
+    """Run a system and write its record, metrics and report.
+
+    Args:
+        system: parts and their wiring.
+        folder: for the results.
+        rig: what there is beside the loop: the wall clock, a board.
+        csv: write the signals as CSV, too.
+        report: write `report.html`.
+        status: told in a few words what is being done.
+        progress: told simulated time done and in all [s], some times a second.
+
+    Raises:
+        RunError: the run ended early; its `result` holds what was recorded until then.
+    """
+    if rig is not None and system.events:
+        raise SteadytipError(
+            f"{system.scenario.name}: 'change' and 'fault' in the middle of a run are not for the "
+            "wall clock; take them out"
+        )
+    for note in system.notes:
+        status(note)
+    metadata = metadata_of(system)
+    step = system.scenario.step
+    recorder = Recorder(folder, system.columns, step, metadata, patient=rig is None)
+    with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as workspace:
+        once = RunContext(step, system.steps, Path(workspace))
+        if rig is None:
+            outcome = run_segments(system, once, recorder, progress)
+        else:
+            outcome = Loop(system, once, recorder, rig.pace, rig.observe).go(progress)
+    if rig is not None:
+        status("closing")
+        metadata |= rig.closed(outcome)
+    if outcome.ticks == 0:
+        recorder.discard()
+        early = outcome.error or StoppedError("stopped before the first tick")
+        early.args = (". ".join((str(early), *metadata.get("hil", {}).get("notes", ()))),)
+        raise early
+    metadata |= {
+        "wall": outcome.wall,
+        "ticks": outcome.ticks,
+        "error": str(outcome.error) if outcome.error else None,
+        "notes": [*metadata["notes"], *outcome.warnings],
+    }
+    for warning in outcome.warnings:
+        status(warning)
+    error: RunError | None = outcome.error
+    try:
+        extra = None
+        if rig is not None:
+            recorder.close()
+            extra, more = rig.extra_columns()
+            metadata |= more
+        result = Result(recorder.finish(metadata, csv, extra))
+        if not isinstance(error, RecordError):
+            _write(result, status, report)
+    except RecordError as trouble:
+        error, result = error or trouble, Result(record_file(folder))
+    except OSError as trouble:
+        text = f"{trouble.filename}: {reason(trouble)}. The record is complete in {result.file}."
+        error = error or RecordError(text)
+    if error is not None:
+        error.result = result
+        raise error
+    return result
+
+
+def _write(result: Result, status: Callable[[str], None], report: bool) -> None:
+    status("metrics")
+    result.write_metrics()
+    if report:
+        from harness.report.run_report import write_report
+
+        status("report")
+        write_report(result)
+
+
+def default_folder(system: System) -> Path:
+    """`build/runs/SCENARIO[-VARIANT][-RECORDING]` below the current directory."""
+    scenario = system.scenario
+    parts = [scenario.name, scenario.variant, *(path.stem for path in system.motions.values())]
+    return Path("build", "runs", "-".join(part for part in parts if part))
+
+
+def metadata_of(system: System) -> dict[str, Any]:
+    """What has to be known to repeat a run and to read its results; JSON types only."""
+    if system.unfused is not None:
+        return {**metadata_of(system.unfused), "fused": True}
+    scenario = system.scenario
+    return {
+        "scenario": scenario.name,
+        "scenario_file": scenario.given,
+        "title": scenario.title,
+        "variant": scenario.variant,
+        "step": scenario.step,
+        "steps": system.steps,
+        "settle": scenario.settle,
+        "seed": scenario.seed,
+        "texts": [list(text) for text in scenario.texts],
+        "overrides": dict(scenario.overrides),
+        "motions": {name: path.name for name, path in system.motions.items()},
+        "innovation_sizes": {
+            name: table.innovation_size
+            for name, table in scenario.parts.items()
+            if table.innovation_size is not None
+        },
+        "roles": {role: list(names) for role, names in system.roles.items()},
+        "order": list(system.wiring.order),
+        "delays": {
+            f"{link.source_part}.{link.source}": link.delay
+            for link in system.wiring.links
+            if link.delay
+        },
+        "undriven": list(system.wiring.unconnected),
+        "events": [
+            {"time": event.tick * scenario.step, "part": event.part, "values": dict(event.values)}
+            for event in system.events
+        ],
+        "notes": list(system.notes),
+        "parts": {name: part.metadata() for name, part in system.parts.items()},
+        "versions": {
+            "steadytip": fmu_src.__version__,
+            "python": platform.python_version(),
+            **{name: version(name) for name in _VERSIONS},
+        },
+        "machine": f"{platform.system()} {platform.machine()}",
+    }

@@ -1,0 +1,226 @@
+"""Read, merge and check scenario files."""
+
+from __future__ import annotations
+
+import os
+import tomllib
+from collections.abc import Mapping
+from importlib.resources import files
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from harness.common.errors import ProblemsError, SteadytipError, nearest
+from harness.common.files import is_path
+from harness.parts.kinds import kinds
+from harness.scenario.merge import merge_tables, nest_keys
+from harness.scenario.problems import kind_problems, sentence
+from harness.scenario.schema import PartSettings, PartTable, Scenario, ScenarioTable, Wire
+
+__all__ = ["available", "load", "with_values"]
+
+
+_SHIPPED = files("harness.scenario") / "library"
+
+
+def available() -> list[str]:
+    """Names of the scenarios that come with the package."""
+    return sorted(Path(str(item)).stem for item in _SHIPPED.iterdir() if item.name[-5:] == ".toml")
+
+
+def load(
+    scenario: str | os.PathLike[str],
+    overrides: Mapping[str, Any] | None = None,
+    variant: str | None = None,
+) -> Scenario:
+    """Read, merge and check a scenario.
+
+    Args:
+        scenario: path of a TOML file, or the name of a shipped one.
+        overrides: values by dotted key, `part.hand.seed`, put in place of the file's.
+        variant: which of its variants; the scenario without any if left out.
+
+    Raises:
+        ProblemsError: everything that is wrong with the scenario.
+        SteadytipError: a file is missing or not TOML, or extends itself; no such variant.
+    """
+    path = _locate(scenario, Path())
+    table, texts = _read(path, ())
+    variants = table.pop("variant", {})
+    if variant is not None:
+        if variant not in variants:
+            hint = nearest(variant, variants) if variants else "it has none."
+            raise SteadytipError(f"{path.name} has no variant '{variant}'; {hint}")
+        table = merge_tables(table, variants[variant])
+    return _checked(
+        table, dict(overrides or {}), path, os.fspath(scenario), texts, variant, variants
+    )
+
+
+def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
+    """A scenario with some of its values replaced, as `load` replaces them.
+
+    Args:
+        scenario: to be changed.
+        values: by dotted key.
+
+    Raises:
+        ProblemsError: everything that is wrong with them.
+    """
+    return _checked(
+        dict(scenario.table),
+        dict(values),
+        Path(scenario.name),
+        scenario.given,
+        scenario.texts,
+        scenario.variant,
+        dict.fromkeys(scenario.variants),
+    )
+
+
+def _checked(
+    table: dict[str, Any],
+    overrides: dict[str, Any],
+    path: Path,
+    given: str,
+    texts: tuple[tuple[str, str], ...],
+    variant: str | None,
+    variants: Mapping[str, Any],
+) -> Scenario:
+    problems: list[str] = []
+    if overrides:
+        table = merge_tables(table, _resolved(nest_keys(overrides, problems), Path(), "overrides"))
+    parts = table.get("part")
+    if isinstance(parts, dict):
+        problems += [text for name, part in parts.items() for text in kind_problems(name, part)]
+    try:
+        checked = ScenarioTable.model_validate(table)
+    except ValidationError as error:
+        problems += [sentence(entry) for entry in error.errors()]
+    else:
+        problems += [
+            f"fault on '{fault.wire}': {fault.trouble}" for fault in checked.fault if fault.trouble
+        ]
+        problems += checked.sweep.problems() if checked.sweep else []
+    if problems:
+        raise ProblemsError(path.name, problems)
+    return Scenario(
+        name=path.stem,
+        given=given,
+        table=table,
+        title=checked.title or path.stem,
+        seconds=checked.seconds,
+        step=checked.step,
+        settle=checked.settle,
+        seed=checked.seed,
+        parts={name: _part(part) for name, part in checked.part.items()},
+        wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
+        signals=checked.signals,
+        hil=checked.hil,
+        changes=tuple(checked.change),
+        faults=tuple(checked.fault),
+        sweep=checked.sweep,
+        texts=texts,
+        overrides=overrides,
+        variant=variant,
+        variants=tuple(variants),
+    )
+
+
+def _locate(scenario: str | os.PathLike[str], folder: Path) -> Path:
+    path = Path(scenario)
+    if len(path.parts) == 1 and not path.suffix:
+        shipped = Path(str(_SHIPPED / f"{path.name}.toml"))
+        if not shipped.is_file():
+            raise SteadytipError(
+                f"no scenario is called '{path.name}'; {nearest(path.name, available())}\n"
+                "A scenario of your own is given by its path, ending in .toml."
+            )
+        return shipped
+    path = folder / path
+    if not path.is_file():
+        raise SteadytipError(f"scenario file {path} does not exist")
+    return path
+
+
+def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tuple[str, str], ...]]:
+    """Table of a scenario with everything that it extends, and the texts of all files."""
+    if path.resolve() in seen:
+        chain = " -> ".join(item.name for item in (*seen, path))
+        raise SteadytipError(f"{path.name}: 'extends' goes round in a circle: {chain}")
+    try:
+        text = path.read_text(encoding="utf-8")
+        table = tomllib.loads(text)
+    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+        raise SteadytipError(f"{path} is not TOML: {error}") from None
+    except OSError as error:
+        raise SteadytipError(f"{path} cannot be read: {error.strerror}") from None
+    bases = table.pop("extends", [])
+    if isinstance(bases, str):
+        bases = [bases]
+    if not isinstance(bases, list) or not all(isinstance(base, str) for base in bases):
+        raise SteadytipError(f"{path.name}: 'extends' names scenarios, not {bases!r}")
+    below: dict[str, Any] = {}
+    texts: dict[tuple[str, str], None] = {}  # in order, each once
+    for base in bases:
+        found, read = _read(_locate(base, path.parent), (*seen, path.resolve()))
+        below = merge_tables(below, found)
+        texts |= dict.fromkeys(read)
+    texts[path.name, text] = None
+    return merge_tables(below, _resolved(table, path.parent, path.name)), tuple(texts)
+
+
+def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
+    """The table with the paths in its parts made independent of where it stands."""
+    parts = table.get("part", {})
+    if not isinstance(parts, dict) or not all(isinstance(part, dict) for part in parts.values()):
+        raise SteadytipError(f"{where}: 'part' holds tables, as in [part.hand]")
+
+    variants = table.get("variant", {})
+    if not isinstance(variants, dict) or not all(isinstance(v, dict) for v in variants.values()):
+        raise SteadytipError(f"{where}: 'variant' holds tables, as in [variant.NAME.part.hand]")
+
+    def resolved(key: str, value: Any) -> Any:
+        return str(folder / value) if isinstance(value, str) and _is_path(key, value) else value
+
+    changed: dict[str, Any] = {
+        "part": {
+            name: {key: resolved(key, value) for key, value in part.items()}
+            for name, part in parts.items()
+        },
+        "variant": {
+            name: _resolved(variant, folder, f"{where}, variant {name}")
+            for name, variant in variants.items()
+        },
+        "sweep": _with_paths(table.get("sweep"), folder),
+    }
+    return table | {key: value for key, value in changed.items() if key in table}
+
+
+def _with_paths(sweep: Any, folder: Path) -> Any:
+    motions = sweep.get("motions") if isinstance(sweep, dict) else None
+    if not isinstance(motions, list):
+        return sweep
+    return sweep | {"motions": [str(folder / m) if isinstance(m, str) else m for m in motions]}
+
+
+def _is_path(key: str, value: str) -> bool:
+    # A bare word after a kind's key is a name, as in `fmu = "Hand"`: no path.
+    if key in kinds():
+        return is_path(value)
+    return key in {"motion", "parameters"}
+
+
+def _part(part: PartSettings) -> PartTable:
+    settings = dict(part.model_extra or {})
+    (kind,) = (key for key in kinds() if key in settings)
+    before = part.stands_for
+    return PartTable(
+        kind=kind,
+        settings=settings,
+        step_limit=part.step_limit,
+        motion=Path(part.motion) if part.motion is not None else None,
+        innovation_size=part.innovation_size,
+        stands_for=_part(PartSettings.model_validate(before)) if before else None,
+    )

@@ -1,0 +1,1 @@
+"""From a scenario to parts that are wired and ready to start."""

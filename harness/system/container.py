@@ -1,0 +1,211 @@
+"""Fuse parts of a system into a container: one native FMU instead of several.
+
+What can be fused are FMUs that are built from models, native and in this process. The rest stays
+beside the container: recordings, boards, anybody's FMUs. Records keep their columns.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from harness.common.errors import ProblemsError, SteadytipError, nearest
+from harness.common.files import is_path
+from harness.parts.fmu import FmuPart
+from harness.parts.protocols import Part
+from harness.scenario.schema import Scenario, Wire
+from harness.system.assembly import System
+from harness.system.wiring import connect
+
+if TYPE_CHECKING:
+    from fmu_src.pack.containers import Plan
+
+__all__ = ["build", "fuse"]
+
+_FOLDER = Path("build", "fmus", "container")
+_NAME = "container"
+
+
+def build(
+    system: System,
+    parts: Sequence[str] | None = None,
+    name: str | None = None,
+    out: Path | None = None,
+    targets: Collection[str] | None = None,
+    progress: Callable[[str], None] = lambda name: None,
+) -> Path:
+    """A container of some parts with the start values of the scenario, as a file to use elsewhere.
+
+    Args:
+        system: parts and their wiring.
+        parts: which; all that a loop is made of by default.
+        name: of the FMU, a C identifier; by default the scenario's, and the parts' if not all.
+        out: folder of the FMU; `build/fmus/container` by default.
+        targets: platforms, by folder name, or `all`; this one by default.
+        progress: called with the container's name before it is built.
+
+    Returns:
+        Path of the FMU.
+
+    Raises:
+        SteadytipError: a part that there is not, or that cannot be fused, and why; or see
+            `fmu_src.pack.containers.build_container`.
+    """
+    from fmu_src.pack.containers import build_container
+
+    scenario = system.scenario
+    if system.events:
+        raise SteadytipError(
+            f"{scenario.name}: a container does not hold what happens in the middle of a run; leave"
+            " 'change' and 'fault' out"
+        )
+    if parts is None:
+        members = [name for name in system.wiring.order if name in scenario.parts]
+    else:
+        unknown = [part for part in parts if part not in scenario.parts]
+        if unknown:
+            raise SteadytipError(
+                f"{scenario.name} has no part '{unknown[0]}'; {nearest(unknown[0], scenario.parts)}"
+            )
+        members = [name for name in system.wiring.order if name in parts]
+    reasons = {part: why for part in members if (why := _reason(scenario, part))}
+    if reasons:
+        raise ProblemsError(
+            f"container of {scenario.name}",
+            [f"part '{part}' cannot be fused: {why}" for part, why in reasons.items()],
+        )
+    _check_between(system, members)
+    chosen = name or "_".join([scenario.name.replace("-", "_"), *(members if parts else [])])
+    starts = {part: _starts(system.parts[part]) for part in members}
+    plan = _plan(system, members, chosen, starts)
+    path = (out or _FOLDER) / f"{chosen}.fmu"
+    return build_container(plan, path, targets, progress)
+
+
+def fuse(
+    system: System,
+    progress: Callable[[str], None] = lambda name: None,
+    container: Path | None = None,
+) -> System:
+    """The same system with all that can be fused in one part.
+
+    Args:
+        system: parts and their wiring.
+        progress: called with the container's name before it is built.
+        container: the FMU, if there is one of the same parts and wiring already.
+
+    Raises:
+        SteadytipError: nothing can be fused, or a part that cannot stands between two that can.
+    """
+    scenario = system.scenario
+    members = [
+        name
+        for name in system.wiring.order
+        if name in scenario.parts and not _reason(scenario, name)
+    ]
+    if not members:
+        raise SteadytipError(
+            f"nothing of {scenario.name} can be fused: "
+            + "; ".join(f"'{name}': {_reason(scenario, name)}" for name in scenario.parts)
+        )
+    _check_between(system, members)
+    path = container
+    if path is None:
+        from fmu_src.pack.containers import build_container
+
+        plan = _plan(system, members, scenario.name.replace("-", "_"), {})
+        path = _FOLDER / f"{plan.name}-{plan.digest[:8]}.fmu"
+        build_container(plan, path, progress=progress)
+    name = _NAME
+    while name in system.parts:
+        name += "_"
+    starts = {
+        f"{part}.{key}": value
+        for part in members
+        for key, value in _starts(system.parts[part]).items()
+    }
+    parts: dict[str, Part] = {name: FmuPart(name, {"fmu": str(path), **starts}, seed=0)}
+    parts |= {other: part for other, part in system.parts.items() if other not in members}
+    wires = [
+        Wire(
+            _inside(name, members, link.source_part, link.source),
+            _inside(name, members, link.target_part, link.target),
+            link.delay,
+        )
+        for link in system.wiring.links
+        if not (link.source_part in members and link.target_part in members)
+    ]
+    limit = max(system.step_limits[part] for part in members)
+    return replace(
+        system,
+        parts=parts,
+        wiring=connect(scenario.name, parts, wires),
+        step_limits={**system.step_limits, name: limit},
+        names={
+            _inside(name, members, part, port.name): f"{part}.{port.name}"
+            for part in members
+            for port in system.parts[part].outputs
+        },
+        unfused=system,
+    )
+
+
+def _inside(name: str, members: Collection[str], part: str, port: str) -> str:
+    """A port of a part as it is called once some are in a container."""
+    return f"{name}.{part}_{port}" if part in members else f"{part}.{port}"
+
+
+def _starts(part: Part) -> Mapping[str, float]:
+    assert isinstance(part, FmuPart)
+    return {key: value for key, value in part.start_values.items() if not isinstance(value, str)}
+
+
+def _reason(scenario: Scenario, name: str) -> str:
+    """Why a part cannot be fused; empty if it can."""
+    table = scenario.parts[name]
+    if table.kind != "fmu":
+        return f"it is no FMU but '{table.kind}'"
+    if is_path(table.settings["fmu"]):
+        return "its FMU is a file, and only models that are built here can be fused"
+    if table.settings.get("flavour", "native") != "native":
+        return "it is of the python flavour"
+    if table.settings.get("isolate", False):
+        return "it is isolated in a process of its own"
+    return ""
+
+
+def _check_between(system: System, members: Collection[str]) -> None:
+    """A container runs at once: nothing outside may wait for it and be waited for by it."""
+    after: set[str] = set()
+    for name in system.wiring.order:
+        into = [link for link in system.wiring.links if link.target_part == name and not link.delay]
+        if name not in members and any(
+            link.source_part in members or link.source_part in after for link in into
+        ):
+            after.add(name)
+        late = [link for link in into if name in members and link.source_part in after]
+        if late:
+            raise SteadytipError(
+                f"container of {system.scenario.name}: '{late[0].source_part}' stands between its"
+                f" parts ({late[0]}); fuse it too, leave '{name}' out, or delay that wire"
+            )
+
+
+def _plan(
+    system: System,
+    members: Sequence[str],
+    name: str,
+    starts: Mapping[str, Mapping[str, float]],
+) -> Plan:
+    from fmu_src.kit.container import Link
+    from fmu_src.pack.containers import Plan
+
+    links = [
+        Link((link.source_part, link.source), (link.target_part, link.target), link.delay)
+        for link in system.wiring.links
+        if link.source_part in members and link.target_part in members
+    ]
+    models = [(part, str(system.scenario.parts[part].settings["fmu"])) for part in members]
+    return Plan(name, models, links, system.scenario.step, starts)

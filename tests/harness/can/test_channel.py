@@ -1,0 +1,152 @@
+"""Troubles of a bus are states, not exceptions."""
+
+import can
+import pytest
+
+from harness.can import channel as media
+from harness.can.channel import TRIES, Address, CanChannel, State
+from harness.can.database import load
+from harness.can.transport import bus_off_frame
+from harness.common.errors import FaultError
+
+DATABASE = load("instrument")
+
+
+class Clock:
+    """Stands in for the time of the machine [us]."""
+
+    def __init__(self) -> None:
+        self.time = 10_000_000
+
+    def __call__(self) -> int:
+        return self.time
+
+
+@pytest.fixture
+def clock(monkeypatch) -> Clock:
+    clock = Clock()
+    monkeypatch.setattr(media, "now", clock)
+    monkeypatch.setattr(media.time, "sleep", lambda seconds: None)
+    return clock
+
+
+@pytest.fixture
+def pair(clock, request):
+    """A medium and a bus at the other end of it."""
+    channel = request.node.name
+    medium = CanChannel(Address("virtual", channel, patience=1.0), DATABASE)
+    other = can.Bus(interface="virtual", channel=channel)
+    yield medium, other
+    other.shutdown()
+    medium.close()
+
+
+def bus_off(other) -> None:
+    other.send(bus_off_frame())
+
+
+def test_frames_come_and_go(pair) -> None:
+    medium, other = pair
+    other.send(can.Message(arbitration_id=0x110, is_extended_id=False, data=b"abc"))
+    message = medium.receive(0.1)
+    assert (message.arbitration_id, bytes(message.data)) == (0x110, b"abc")
+    assert medium.receive(0.0) is None
+    medium.send(0xA0, bytes(8), False)
+    assert other.recv(0.1).arbitration_id == 0xA0
+
+
+def test_a_stamp_by_another_clock_is_replaced_by_the_arrival(pair, clock) -> None:
+    medium, other = pair
+    other.send(can.Message(arbitration_id=1, is_extended_id=False))
+    assert medium.receive(0.1).timestamp == clock.time
+
+
+def test_off_the_bus_it_is_silent_for_a_tenth_of_a_second_and_begins_anew(pair, clock) -> None:
+    medium, other = pair
+    bus_off(other)
+    assert medium.receive(0.1) is None
+    assert medium.state is State.BUS_OFF
+    assert medium.send(0xA0, bytes(8), False) is None
+    clock.time += 99_000
+    assert medium.receive(0.0) is None
+    assert medium.state is State.BUS_OFF
+    clock.time += 1_000
+    medium.receive(0.0)
+    assert medium.state is State.OPEN
+
+
+def test_three_restarts_in_vain_are_a_failure(pair, clock) -> None:
+    medium, other = pair
+    for _ in range(TRIES):
+        bus_off(other)
+        medium.receive(0.1)
+        assert medium.state is State.BUS_OFF
+        clock.time += 100_000
+        medium.receive(0.0)
+        assert medium.state is State.OPEN
+        other.shutdown()
+        other = can.Bus(interface="virtual", channel=medium._address.channel)
+    bus_off(other)
+    medium.receive(0.1)
+    other.shutdown()
+    assert medium.state is State.FAILED
+    assert "after 3 restarts without a whole sample" in medium.reason
+
+
+def test_a_sample_in_between_makes_the_tries_count_anew(pair, clock) -> None:
+    medium, other = pair
+    for _ in range(2 * TRIES):
+        bus_off(other)
+        medium.receive(0.1)
+        clock.time += 100_000
+        medium.receive(0.0)
+        medium.recovered()
+        assert medium.state is State.OPEN
+        other.shutdown()
+        other = can.Bus(interface="virtual", channel=medium._address.channel)
+    other.shutdown()
+
+
+def test_a_medium_that_fails_is_gone_and_tried_again_until_its_patience_is_over(
+    pair, clock, monkeypatch
+) -> None:
+    medium, _ = pair
+
+    def fails(*_: object, **__: object) -> None:
+        raise can.CanOperationError("unplugged")
+
+    monkeypatch.setattr(medium._bus, "recv", fails)
+    monkeypatch.setattr(medium, "_open", fails)
+    assert medium.receive(0.0) is None
+    assert medium.state is State.GONE
+    assert "unplugged" in medium.reason
+    for _ in range(12):
+        clock.time += 100_000
+        medium.receive(0.0)
+    assert medium.state is State.FAILED
+    assert "did not come back within 1 s" in medium.reason
+
+
+def test_one_that_comes_back_is_open_again(pair, clock, monkeypatch) -> None:
+    medium, _ = pair
+
+    def fails(*_: object) -> None:
+        raise can.CanOperationError("unplugged")
+
+    monkeypatch.setattr(medium._bus, "send", fails)
+    assert medium.send(0xA0, bytes(8), False) is None
+    assert medium.state is State.GONE
+    clock.time += 100_000
+    medium.receive(0.0)
+    assert medium.state is State.OPEN
+
+
+def test_one_that_does_not_open_says_what_was_tried() -> None:
+    with pytest.raises(FaultError) as raised:
+        CanChannel(Address("slcanbulk", "/dev/no-such-tty"), DATABASE)
+    assert "slcanbulk, channel /dev/no-such-tty" in str(raised.value)
+
+
+def test_an_interface_that_python_can_does_not_know() -> None:
+    with pytest.raises(FaultError, match="slkan"):
+        CanChannel(Address("slkan", "x"), DATABASE)
