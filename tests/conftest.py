@@ -1,6 +1,7 @@
 """What several folders of tests share: where the recordings are, and each model in one process."""
 
 import os
+import signal
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -10,8 +11,24 @@ from typing import Any
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 import pytest
+from hypothesis import HealthCheck, settings
 
 from fmu_src.pack import model_names
+
+# A machine that is busy is no fault of the code: no deadline, and slow generation is no failure. CI
+# tries the same examples each time.
+settings.register_profile(
+    "steadytip",
+    deadline=None,
+    derandomize=bool(os.environ.get("CI")),
+    suppress_health_check=[HealthCheck.too_slow],
+)
+settings.load_profile("steadytip")
+
+# A shell without job control starts background processes with SIGINT ignored, and children inherit
+# that; tests that interrupt a command must not depend on who started the suite.
+if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
 
 
 def by_model() -> list[Any]:

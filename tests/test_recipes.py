@@ -1,8 +1,8 @@
 """Every recipe of `docs/recipes`, followed to the letter in a copy of the repository.
 
-A block ```python file=PATH``` is written to that file, a block ```diff file=PATH``` is applied to it
-(lines that begin with a blank or `-` have to stand there once), and a block ```sh``` is run line by
-line.
+A block ```python file=PATH``` is written to that file, a block ```diff file=PATH``` is applied to
+it (lines that begin with a blank or `-` have to stand there once), and a block ```sh``` is run
+line by line.
 """
 
 import os
@@ -17,7 +17,16 @@ import pytest
 
 ROOT = Path(__file__).parents[1]
 RECIPES = ROOT / "docs" / "recipes"
-COPIED = ("fmu_src", "plants", "harness", "steadytip", "tests", "docs", "README.md", "pyproject.toml")
+COPIED = (
+    "fmu_src",
+    "plants",
+    "harness",
+    "steadytip",
+    "tests",
+    "docs",
+    "README.md",
+    "pyproject.toml",
+)
 BLOCK = re.compile(r"^```(\w+)(?: file=(\S+))?\n(.*?)^```$", re.MULTILINE | re.DOTALL)
 PROGRAMS = {
     "steadytip": "from harness.cli.main import main as run",

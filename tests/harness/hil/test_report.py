@@ -246,7 +246,7 @@ def test_the_page_has_the_section_and_nothing_of_it_without_a_wall_clock(faulty,
         assert text in page
     plain = record(tmp_path, ticks=50)
     metadata = {k: v for k, v in plain.metadata.items() if k != "hil"}
-    plain.__dict__["facts"] = metadata
+    plain.__dict__["metadata"] = metadata
     assert list(hil_sections(plain)) == []
 
 

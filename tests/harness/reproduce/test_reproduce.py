@@ -62,7 +62,7 @@ def drop_in(tmp_path, monkeypatch):
         sys.modules.pop(name, None)
 
 
-ONE = "return Outcome((Figure('X99 table 9.9', 'q', 'um', 2.0, 1.5, 's'),))"
+ONE = "return ItemResult((Figure('X99 table 9.9', 'q', 'um', 2.0, 1.5, 's'),))"
 
 
 # What there is ------------------------------------------------------------------------------------
@@ -174,7 +174,7 @@ def test_an_unknown_name_ends_with_2(monkeypatch, capsys):
 
 
 def test_numbers_go_to_json_and_page(drop_in, monkeypatch, capsys, tmp_path):
-    drop_in("table-9.9", "return Outcome((Figure('X99 table 9.9', 'a < b', 'um', None, 1.5, 'at 2 um'),), (), ('Note on 3 um.',))")  # fmt: skip  # noqa: E501
+    drop_in("table-9.9", "return ItemResult((Figure('X99 table 9.9', 'a < b', 'um', None, 1.5, 'at 2 um'),), (), ('Note on 3 um.',))")  # fmt: skip  # noqa: E501
     target = tmp_path / "new" / "r.json"
     code, shown, _ = call(monkeypatch, capsys, "9.9", "--json", target, "--out", tmp_path / "o")
     assert code == 0
@@ -212,7 +212,7 @@ def test_an_item_that_fails_does_not_keep_the_others(drop_in, monkeypatch, capsy
 def test_items_without_their_recordings_are_skipped_and_say_so(
     drop_in, monkeypatch, capsys, tmp_path
 ):
-    drop_in("table-9.8", "return Outcome(notes=(str(context.recordings('hands').name),))",
+    drop_in("table-9.8", "return ItemResult(notes=(str(context.recordings('hands').name),))",
             recordings=("hands",))  # fmt: skip
     drop_in("table-9.9", ONE)
     code, shown, _ = call(monkeypatch, capsys, "dropped", "--out", tmp_path / "o")

@@ -384,14 +384,14 @@ def test_a_full_disk_ends_the_sweep_with_a_message_and_room_lets_it_go_on(small,
 
 def test_ctrl_c_between_two_runs_keeps_what_there_is(small, tmp_path, monkeypatch):
     path, folder = small(CHANCE), tmp_path / "out"
-    perform = crews.Stand.perform
+    perform = crews.Worker.perform
 
     def stopped(self, case):
         if case.number == 4:
             raise KeyboardInterrupt
         return perform(self, case)
 
-    monkeypatch.setattr(crews.Stand, "perform", stopped)
+    monkeypatch.setattr(crews.Worker, "perform", stopped)
     with pytest.raises(StoppedError, match="4 of 12 runs are in"):
         swept(path, folder, seeds=[1])
     assert read(folder).table.num_rows == 4
