@@ -51,26 +51,19 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.device import sensing_kinematics as kinematics
 from fmu_src.estimation.micron import attitude_filter, compensation, plausibility, tip_motion
+from fmu_src.estimation.micron.known_rate import correct_rate
+from fmu_src.estimation.micron.north import correct_heading
+from fmu_src.estimation.micron.prediction import Prediction, Turn, densities, predict, sense_turn
+from fmu_src.estimation.micron.sample import Sample, compensate
+from fmu_src.estimation.micron.start import Start, follow_start
+from fmu_src.estimation.micron.vertical import Vertical, correct_tilt
 from fmu_src.filters import triad
 from fmu_src.kit import Model, Outputs, Parameters, State
-from fmu_src.kit.lazy_select import either
 from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
 from fmu_src.math import rotations
 
-FADING = 0.02
-"""Time constant by which alpha and the tip's acceleration fade without samples [s]."""
-TURN = 0.3
-"""Time that a hand turns one way [s]."""
-UNUSED = 1e4
-"""Variance of what is not measured; no larger, for the sake of single precision."""
-AGREEMENT = np.radians(10.0)
-"""Within which TRIAD of two samples must agree for the filter to start [rad]."""
-SETTLING = 0.1
-"""Share of what a hand can do that is possible while it settles, nearly at rest."""
 ZERO_MEMORY = 5.0
 """Time constant by which the zero of A_D is learned at rest [s]."""
-LEAST_NORTH = 0.1
-"""Level part of the unit field below which it has no north to speak of: 6 deg from the vertical."""
 
 
 class Params(Parameters):
@@ -231,20 +224,15 @@ class Out(Outputs):
     field = real(None, "unit magnetic field in B", shape=3, axes="xyz")
 
 
-def _densities(p: Any) -> tuple[Any, Any]:
-    """(S_A, S_r); the weakest channel stands for all, since A_D mixes them."""
-    return ca.mmax(p.accelerometer.density) ** 2, p.roll_density**2
-
-
 def derive(p: Any, T: float) -> Gains:
-    """Gains and noise that hold as long as the parameters do."""
-    S_A, S_r = _densities(p)
+    """Return gains and noise that hold as long as the parameters do."""
+    S_A, S_r = densities(p)
     geometry = kinematics.Geometry.of(p.geometry)
     gain = kinematics.rate_gain(geometry, S_A, S_r)
     P_D = kinematics.lever_matrix(geometry)
 
     def alpha_error(s: Any) -> Any:
-        """Error of alpha for noise of A_D, s[:3], and roll of the hand, s[3]."""
+        """Return the error of alpha for noise of A_D, s[:3], and roll of the hand, s[3]."""
         roll = ca.vertcat(0, 0, s[3])
         return gain @ (s[:3] + P_D @ roll) - roll
 
@@ -265,311 +253,107 @@ def derive(p: Any, T: float) -> Gains:
 
 
 def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
-    """One sample of the sensors."""
-    geometry = kinematics.Geometry.of(p.geometry)
-    variances = p.accelerometer.density**2
-    gates = p.gates
+    """Return state and outputs after one sample of the sensors."""
+    s = compensate(p, u, x, derived.alignment)
+    start = follow_start(p, s, x, T)
+    turn = sense_turn(p, s, start, x, T, derived.rate_gain)
+    before = predict(p, s, start, turn, x, T, derived)
+    tilt = correct_tilt(p, s, start, turn, before, x, T)
+    north = correct_heading(p, s, start, before, tilt, x, T)
+    known = correct_rate(p, s, start, turn, before, tilt, north, x, T)
 
-    # Compensation (A04 3.2)
-    at = (u.temperature, p.thermometer.reference, derived.alignment)
-    f = compensation.specific_forces(p.accelerometer, u.volts[:6], *at)
-    field = compensation.magnetic_field(p.magnetometer, u.volts[6:], *at)
-    strength = ca.sqrt(ca.sumsqr(field) + p.magnetometer.sigma**2)
-    n_B = field / strength
-    A_D = kinematics.differences(f)
-    gravity_B = kinematics.compound(f, variances)
-    weight = ca.sqrt(ca.sumsqr(gravity_B) + 1e-12)
-    z_B = gravity_B / weight
-
-    # What of the sample there is
-    alive = plausibility.alive(u.volts, u.inertial_valid, f, field, gates, x.channels)
-    heard_force, heard_field = alive.force, alive.field
-    dead_field = ca.logic_and(u.inertial_valid, ca.logic_not(alive.field))
-    upright = ca.logic_and(weight > 0.5 * p.gravity, weight < 1.5 * p.gravity)
-    across = ca.sumsqr(ca.cross(z_B, n_B)) > LEAST_NORTH**2
-    complete = ca.logic_and(ca.logic_and(heard_force, heard_field), ca.logic_and(upright, across))
-
-    # Start, and start anew after a long time without a vertical
-    z = triad.attitude(z_B, n_B)
-    dip_measured = plausibility.dip(ca.dot(z_B, n_B))
-    # Nearly at rest, a start without a vertical was a wrong one.
-    young = x.age < p.settling
-    lost = x.off_vertical > ca.if_else(young, gates.start_patience, gates.tilt_patience)
-    familiar = plausibility.as_it_was(strength, dip_measured, gates, x.field)
-    again = ca.logic_and(ca.logic_and(lost, complete), ca.logic_or(young, familiar))
-    agrees = ca.sumsqr(attitude_filter.innovation(x.q, z)) < AGREEMENT**2
-    going = ca.logic_and(
-        ca.logic_and(x.started, ca.logic_or(x.confirmed, agrees)), ca.logic_not(again)
-    )
-    anew = ca.logic_not(going)
-    age = ca.if_else(going, x.age + T, T * complete)
-
-    # Differential sensing kinematics; offsets of the channels would make the rate's bias a ramp
-    samples = x.age / T
-    swing = gates.difference * ca.if_else(young, SETTLING, 1)
-    possible = ca.logic_or(anew, ca.mmax(ca.fabs(A_D - x.zero)) < swing)
-    usable = ca.logic_and(heard_force, possible)
-    zero = ca.if_else(
-        ca.logic_and(young, ca.logic_and(going, usable)),
-        (samples * x.zero + A_D) / (samples + 1),
-        ca.if_else(ca.logic_and(anew, p.settling > 0), A_D, x.zero),
-    )
-    (sensed,) = either(
-        "angular_acceleration",
-        p.method == 0,
-        lambda gain, left, *_: [gain @ left],
-        lambda _, left, w, layout, S: [
-            kinematics.angular_acceleration(
-                left, w, kinematics.Geometry.of(kinematics.Layout.unpack(layout)), (S[0], S[1]), T
-            )
-        ],
-        derived.rate_gain,
-        A_D - zero,
-        x.w_i - x.b,
-        p.geometry.pack(),
-        ca.vertcat(*_densities(p)),
-    )
-    fade = np.exp(-T / FADING)
-    alpha = ca.if_else(usable, sensed, fade * x.alpha)
-    w_i = ca.if_else(going, x.w_i + T / 2 * (alpha + x.alpha), 0)
-    tau = p.accelerometer.lag
-    rate_measured = w_i + tau * alpha
-
-    # Prediction over the sample that has passed
-    white = ca.sum1(variances) / 6 / (4 * ca.fmax(tau, T / 2)) / 2
-    sigma_N = ca.sqrt(p.magnetometer.sigma**2 + p.magnetometer.residue**2) / strength
-    unknown = ca.if_else(usable, 0, T / 2 * p.hand_rotation**2)
-    W = ca.diagcat(T**2 * derived.rate_noise, derived.bias_noise + unknown * ca.SX.eye(3))
-    b_before = ca.if_else(going, x.b, 0)
-    w_predict = rate_measured - b_before
-    q_predicted = attitude_filter.predict_attitude(x.q, w_predict, T)
-    P = attitude_filter.predict_covariance(x.P, w_predict, W, T)
-    R = rotations.matrix(q_predicted)
-    up_B = R[2, :].T
-    heading = ca.diagcat(up_B @ up_B.T, up_B @ up_B.T)
-    everything = ca.SX.eye(6)
-
-    # Vertical, whose covariance follows what the hand does
-    P_W = R @ P[:3, :3] @ R.T
-    strange = ca.sumsqr(gravity_B - p.gravity * up_B) / 3
-    share = T / gates.agitation_time * usable
-    agitation = ca.if_else(anew, 0, x.agitation + share * (strange - x.agitation))
-    hand = p.hand_acceleration**2
-    tilted = p.gravity**2 * (P_W[0, 0] + P_W[1, 1]) / 3
-    excess = ca.fmax(agitation - 2 * (hand + white) - tilted, 0)
-    excess = ca.fmin(excess, gates.force**2)
-    still = ca.logic_and(usable, ca.fabs(weight - p.gravity) < gates.force)
-    tilt_residual = attitude_filter.tilt_innovation(R @ z_B)
-    variance = (white + hand) / weight**2
-    tilt = attitude_filter.correct(
-        P,
-        tilt_residual,
-        ca.horzcat(R[:2, :], ca.SX.zeros(2, 3)),
-        (variance + excess * gates.coherence / T / weight**2) * ca.SX.eye(2),
-        ca.logic_and(going, still),
-        gates.sigma,
-        ca.if_else(p.decoupled, everything - heading, everything),
-    )
-    # A wrong vertical stays wrong, whatever acceleration it is mistaken for; a hand turns back.
-    spread = variance + ca.fmax(P_W[0, 0], P_W[1, 1])
-    met = ca.logic_and(still, ca.sumsqr(tilt_residual) < gates.sigma**2 * spread)
-    off_vertical = ca.if_else(ca.logic_or(anew, met), 0, x.off_vertical + T)
-
-    # North
-    field_W = R @ n_B
-    north_residual, H_north = attitude_filter.north_innovation(field_W)
-    dip = ca.if_else(ca.logic_or(lost, anew), dip_measured, plausibility.dip(field_W[2]))
-    accepted = plausibility.accepted(gates, x.field)
-    as_it_was = ca.logic_or(accepted, plausibility.as_it_was(strength, dip, gates, x.field))
-    level = ca.sumsqr(field_W[:2])
-    has_north = level > LEAST_NORTH**2
-    level_of_north = ca.fmax(level, LEAST_NORTH**2)
-    opened = (np.pi / 2) ** 2 * accepted
-    # Far from level the vertical's turn is one about the wrong axis by its square.
-    opened = opened + ca.sumsqr(tilt.change[:3]) ** 2
-    north = attitude_filter.correct(
-        tilt.P + opened * ca.diagcat(heading[:3, :3], ca.SX.zeros(3, 3)),
-        north_residual - H_north @ (R @ tilt.change[:3]),
-        ca.horzcat(H_north @ R, ca.SX.zeros(1, 3)),
-        sigma_N**2 / level_of_north,
-        ca.logic_and(
-            ca.logic_and(going, ca.logic_and(heard_field, has_north)),
-            ca.logic_and(as_it_was, ca.logic_or(accepted, x.field.doubt <= 0)),
-        ),
-        gates.sigma,
-        ca.if_else(p.decoupled, heading, everything),
-    )
-    believed = ca.logic_and(as_it_was, north.squared <= gates.sigma**2)
-    field_state = plausibility.follow_field(
-        strength,
-        dip,
-        dip_measured,
-        heard_field,
-        dead_field,
-        believed,
-        anew,
-        x.age,
-        gates,
-        x.field,
-        T,
-    )
-
-    # At rest there is no rate, and a hand that is not seen does not turn on and on. What lasts for
-    # a time is the same in all samples of it.
-    noise = ca.vertcat(white, 4 * white, p.magnetometer.sigma**2 + p.magnetometer.residue**2)
-    rest_state, at_rest = plausibility.follow_rest(
-        ca.horzcat(gravity_B, A_D, field),
-        noise,
-        ca.logic_and(usable, heard_field),
-        anew,
-        gates,
-        x.rest,
-        T,
-    )
-    resting = gates.rest_rate**2 * gates.rest_time / T
-    turning = p.hand_rate**2 * TURN / T
-    about_level = ca.if_else(at_rest, resting, ca.if_else(tilt.taken, UNUSED, turning))
-    about_up = ca.if_else(at_rest, resting, ca.if_else(north.taken, UNUSED, turning))
-    caught = ca.logic_and(plausibility.caught(heard_field, dead_field, believed, x.field), going)
-    up = heading[:3, :3]
-    change = tilt.change + north.change
-    widened = north.P + caught * ca.diagcat(
-        gates.field**2 / level_of_north * up, p.hand_rate**2 * up
-    )
-    # Which the rate is told of: all, about the vertical, or about the level axes alone.
-    of_all = ca.logic_or(at_rest, ca.logic_not(ca.logic_or(tilt.taken, north.taken)))
-    of_up = ca.logic_and(ca.logic_not(of_all), tilt.taken)
-
-    def told(P: Any, residual: Any, up_B: Any, variances: Any, flags: Any) -> list[Any]:
-        up = up_B @ up_B.T
-        heading = ca.diagcat(up, up)
-        corrected = attitude_filter.correct(
-            P,
-            residual,
-            ca.horzcat(ca.SX.zeros(3, 3), ca.SX.eye(3)),
-            variances[0] * (ca.SX.eye(3) - up) + variances[1] * up,
-            onto=ca.if_else(
-                flags[0], everything, ca.if_else(flags[1], heading, everything - heading)
-            ),
-        )
-        return [corrected.P, corrected.change]
-
-    P_rest, change_rest = either(
-        "rate_known",
-        ca.logic_and(
-            going, ca.logic_or(at_rest, ca.logic_not(ca.logic_and(tilt.taken, north.taken)))
-        ),
-        told,
-        lambda P, *_: [P, ca.SX.zeros(6)],
-        widened,
-        rate_measured - b_before - change[3:],
-        up_B,
-        ca.vertcat(about_level, about_up),
-        ca.vertcat(of_all, of_up),
-    )
-    change = change + change_rest
-    follow = ca.if_else(at_rest, T / ZERO_MEMORY, T / p.zero_memory)
-    followed = ca.logic_and(ca.logic_and(going, usable), ca.logic_not(young))
-    zero = zero + followed * follow * (A_D - zero)
-
-    q = ca.if_else(going, attitude_filter.moved(q_predicted, change), ca.if_else(complete, z, x.q))
-    b = b_before + ca.if_else(going, change[3:], 0)
-    sigma_G = ca.sqrt(white + hand) / weight
+    going, complete, usable = start.going, s.complete, turn.usable
+    follow = ca.if_else(known.at_rest, T / ZERO_MEMORY, T / p.zero_memory)
+    followed = ca.logic_and(ca.logic_and(going, usable), ca.logic_not(start.young))
+    zero = turn.zero + followed * follow * (s.A_D - turn.zero)
+    moved = attitude_filter.moved(before.q, known.change)
+    q = ca.if_else(going, moved, ca.if_else(complete, start.z, x.q))
+    b = before.b + ca.if_else(going, known.change[3:], 0)
     P_start = ca.diagcat(
-        triad.covariance(z_B, n_B, sigma_G, sigma_N), p.bias_start**2 * ca.SX.eye(3)
+        triad.covariance(s.z_B, s.n_B, tilt.sigma, before.sigma_N),
+        p.bias_start**2 * ca.SX.eye(3),
     )
-    P = ca.if_else(going, P_rest, ca.if_else(complete, P_start, x.P))
-    rate = rate_measured - b
-
-    # Tip motion: gravity removed before any integration (A04 2.26 with its sign)
-    force = kinematics.tip_force(f, alpha, rate, geometry, variances)
-    # Specific force and attitude must be of one age: gravity turns in the body while it is lagged.
-    q_lagged = attitude_filter.predict_attitude(q, w_i - b, -tau)
-    a = rotations.matrix(q_lagged) @ force - ca.vertcat(0, 0, p.gravity)
-    a = ca.if_else(usable, a, fade * x.a)
-    a_before = ca.if_else(going, x.a, a)
-    blank = ca.vertcat(a.T, ca.SX.zeros(2, 3))
-    motion = ca.if_else(
-        going,
-        tip_motion.advance(x.motion, derived.integrator, derived.integrator_input, a, a_before),
-        blank,
-    )
-    velocity = motion[1, :].T + tau * (a - motion[0, :].T)
-    displacement = motion[2, :].T + tau * motion[1, :].T
-    # Lead (1 + tau s) / (1 + s / w_a), trapezoidal
-    slow = 1 / (2 * ca.pi * p.acceleration_bandwidth)
-    lead = (2 * tau / T * (a - a_before) + a + a_before - (1 - 2 * slow / T) * x.a_wide) / (
-        1 + 2 * slow / T
-    )
-    a_wide = ca.if_else(going, lead, a)
-
+    P = ca.if_else(going, known.P, ca.if_else(complete, P_start, x.P))
+    tip = tip_motion.follow_tip(p, s, start, turn, q, b, x, T, derived)
     outage = ca.if_else(usable, 0, x.outage + T)
-    P_W = R @ P[:3, :3] @ R.T
+    state = X(
+        age=start.age,
+        started=ca.logic_or(going, complete),
+        confirmed=going,
+        q=q,
+        w_i=turn.w_i,
+        b=b,
+        zero=zero,
+        P=P,
+        alpha=turn.alpha,
+        a=tip.a,
+        a_wide=tip.a_wide,
+        motion=tip.motion,
+        agitation=tilt.agitation,
+        off_vertical=tilt.off_vertical,
+        outage=outage,
+        channels=s.alive.following,
+        field=north.state,
+        rest=known.state,
+    )
+    taken = (tilt.correction.taken, north.correction.taken)
+    used = ca.vertcat(
+        taken[0] * tilt.residual,
+        taken[1] * (north.residual - north.H[:2] @ tilt.residual),
+    )
+    squared = taken[0] * tilt.correction.squared + taken[1] * north.correction.squared
+    return state, Out(
+        attitude=rotations.canonical(q),
+        rate=turn.rate_measured - b,
+        rate_bias=b,
+        tip_acceleration=tip.a_wide,
+        tip_velocity=tip.velocity,
+        tip_displacement=tip.displacement,
+        valid=_valid(p, s, start, turn, before, tilt, P, outage),
+        innovation=before.R.T @ used,
+        innovation_squared=ca.fmax(squared, 0),
+        innovation_size=2 * taken[0] + taken[1],
+        attitude_sigma=ca.sqrt(ca.fmax(ca.diag(P)[:3], 0)),
+        rate_bias_sigma=ca.sqrt(ca.fmax(ca.diag(P)[3:], 0)),
+        magnetic_disturbance=ca.logic_and(
+            going, ca.logic_and(u.inertial_valid, ca.logic_not(taken[1]))
+        ),
+        acceleration_disturbance=ca.logic_and(
+            going, ca.logic_and(usable, ca.logic_or(ca.logic_not(taken[0]), tilt.excess > 0))
+        ),
+        at_rest=known.at_rest,
+        frozen=s.alive.frozen,
+        clipped=s.alive.clipped,
+        force=s.f,
+        field=s.n_B,
+    )
+
+
+def _valid(
+    p: Any,
+    s: Sample,
+    start: Start,
+    turn: Turn,
+    before: Prediction,
+    tilt: Vertical,
+    P: Any,
+    outage: Any,
+) -> Any:
+    """Return whether the outputs may be used."""
+    gates = p.gates
+    P_W = before.R @ P[:3, :3] @ before.R.T
     known = ca.logic_and(
         ca.fmax(P_W[0, 0], P_W[1, 1]) < gates.tilt_limit**2, P_W[2, 2] < gates.heading_limit**2
     )
-    settled = ca.logic_and(going, age >= p.settling)
-    valid = ca.logic_and(
+    settled = ca.logic_and(start.going, start.age >= p.settling)
+    return ca.logic_and(
         ca.logic_and(settled, known),
         ca.logic_and(
             ca.logic_and(
-                ca.logic_or(upright, ca.logic_not(usable)),
-                excess < (gates.tilt_limit * p.gravity) ** 2,
+                ca.logic_or(s.upright, ca.logic_not(turn.usable)),
+                tilt.excess < (gates.tilt_limit * p.gravity) ** 2,
             ),
-            ca.logic_and(outage <= gates.outage, off_vertical <= gates.tilt_outage),
-        ),
-    )
-    shown = ca.vertcat(
-        tilt.taken * tilt_residual,
-        north.taken * (north_residual - H_north[:2] @ tilt_residual),
-    )
-
-    return (
-        X(
-            age=age,
-            started=ca.logic_or(going, complete),
-            confirmed=going,
-            q=q,
-            w_i=w_i,
-            b=b,
-            zero=zero,
-            P=P,
-            alpha=alpha,
-            a=a,
-            a_wide=a_wide,
-            motion=motion,
-            agitation=agitation,
-            off_vertical=off_vertical,
-            outage=outage,
-            channels=alive.following,
-            field=field_state,
-            rest=rest_state,
-        ),
-        Out(
-            attitude=rotations.canonical(q),
-            rate=rate,
-            rate_bias=b,
-            tip_acceleration=a_wide,
-            tip_velocity=velocity,
-            tip_displacement=displacement,
-            valid=valid,
-            innovation=R.T @ shown,
-            innovation_squared=ca.fmax(tilt.taken * tilt.squared + north.taken * north.squared, 0),
-            innovation_size=2 * tilt.taken + north.taken,
-            attitude_sigma=ca.sqrt(ca.fmax(ca.diag(P)[:3], 0)),
-            rate_bias_sigma=ca.sqrt(ca.fmax(ca.diag(P)[3:], 0)),
-            magnetic_disturbance=ca.logic_and(
-                going, ca.logic_and(u.inertial_valid, ca.logic_not(north.taken))
-            ),
-            acceleration_disturbance=ca.logic_and(
-                going,
-                ca.logic_and(usable, ca.logic_or(ca.logic_not(tilt.taken), excess > 0)),
-            ),
-            at_rest=at_rest,
-            frozen=alive.frozen,
-            clipped=alive.clipped,
-            force=f,
-            field=n_B,
+            ca.logic_and(outage <= gates.outage, tilt.off_vertical <= gates.tilt_outage),
         ),
     )
 
