@@ -48,7 +48,7 @@ The filter starts from the first attitude of the tracker, whatever it is; withou
 from gravity and field. Heading then is as sure as the field is undisturbed.
 """
 
-from typing import Any
+from typing import Any, NamedTuple
 
 import casadi as ca
 import numpy as np
@@ -467,15 +467,44 @@ def disturbance(site: Any, q: Any, field: Any) -> Any:
     return ca.logic_or(ca.fabs(size / site[0] - 1) > site[2], ca.fabs(dip - site[1]) > site[3])
 
 
-def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
-    i, m, e = p.inertial, p.magnetic, p.tracker
+class Due(NamedTuple):
+    """What is measured at this sample.
+
+    Attributes:
+        sample: of the inertial unit, see `sources.inertial`.
+        g: what the samples add up to.
+        came: of the tracker, see `sources.arrival`.
+        past: the tracker's past orientations, turned on to now.
+        mean: mean specific force and field since the last correction, (6,).
+        due: whether gravity and field are.
+        by_tracker: whether the filter starts from the tracker's attitude.
+        first: whether it starts at this sample.
+        started: whether it has started by now.
+        aided: whether gravity and field correct it.
+        tracked: whether the tracker corrects it.
+    """
+
+    sample: Any
+    g: Gathered
+    came: Any
+    past: Any
+    mean: Any
+    due: Any
+    by_tracker: Any
+    first: Any
+    started: Any
+    aided: Any
+    tracked: Any
+
+
+def _collect(p: Params, u: In, x: X, T: float) -> Due:
+    """Return what the samples add up to, and what of it is due."""
+    i = p.inertial
     sample = sources.inertial(x.unit, u.rate, u.force, u.inertial_valid, p.limits, T)
     bias = x.nominal.rate_bias
-    rate = sample.sensed[:3] - bias
     turn = sample.turn - bias * T
 
-    # What the samples add up to; the covariance follows where something is measured.
+    # The covariance follows where something is measured.
     def gathering(old: Any, now: Any, turn: Any, flags: Any, rate: Any, noise: Any) -> Any:
         return gather(Gathered.unpack(old), now, turn, flags, rate, noise, T).pack()
 
@@ -486,7 +515,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         ca.vertcat(u.rate, u.force, u.field),
         turn,
         ca.vertcat(sample.fresh, sample.lost),
-        rate,
+        sample.sensed[:3] - bias,
         ca.vertcat(i.moving_rate, i.rate_noise, i.rate_scale),
     )
     g = Gathered.unpack(gathered)
@@ -497,15 +526,29 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     due = ca.logic_and(g.waited >= i.interval - AIDING, g.count > 0)
     mean = g.sums / ca.fmax(g.count, 1)
     by_earth = ca.logic_and(ca.logic_not(x.started), ca.logic_and(due, x.age >= p.wait))
-    begins = ca.logic_or(ca.logic_not(x.started), x.tracked.doubted > e.astray)
+    begins = ca.logic_or(ca.logic_not(x.started), x.tracked.doubted > p.tracker.astray)
     by_tracker = ca.logic_and(begins, came.taken)
     first = ca.logic_or(by_earth, by_tracker)
-    nominal, P = begun(p, x, came.attitude, mean, by_tracker, first)
     started = ca.logic_or(x.started, first)
-    aided = ca.logic_and(started, due)
-    tracked = ca.logic_and(started, came.taken)
+    return Due(
+        sample,
+        g,
+        came,
+        past,
+        mean,
+        due,
+        by_tracker,
+        first,
+        started,
+        aided=ca.logic_and(started, due),
+        tracked=ca.logic_and(started, came.taken),
+    )
 
-    # Prediction over all samples since the last correction
+
+def _predict(p: Params, x: X, d: Due) -> tuple[Any, Any, Any]:
+    """Return state and covariance over all samples since the last correction, and if they moved."""
+    i, e, g = p.inertial, p.tracker, d.g
+    nominal, P = begun(p, x, d.came.attitude, d.mean, d.by_tracker, d.first)
     left = ca.exp(-g.angle / e.distortion_angle - g.time / e.distortion_time)
     Q = ca.diag(
         SPACE.diagonal(
@@ -519,14 +562,36 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     def predicted(nominal: Any, P: Any, known: Any, Q: Any) -> tuple[Any, ...]:
         return FILTER.predict(process, nominal, known, P, Q)
 
-    carried = ca.logic_and(x.started, ca.logic_or(due, came.taken))
-    known = ca.vertcat(g.turn, bias, g.time, left)
-    nominal, P = chosen(carried, predicted, nominal, P, known, Q)
+    carried = ca.logic_and(x.started, ca.logic_or(d.due, d.came.taken))
+    known = ca.vertcat(g.turn, x.nominal.rate_bias, g.time, left)
+    return *chosen(carried, predicted, nominal, P, known, Q), carried
 
-    # Gravity
+
+class Gravity(NamedTuple):
+    """Correction by the specific force.
+
+    Attributes:
+        nominal, P: state and covariance after it.
+        squared: normalised innovation squared.
+        by: whether it was made.
+        acceleration: next `Acceleration`, packed.
+        accelerated: whether the hand accelerates.
+    """
+
+    nominal: Any
+    P: Any
+    squared: Any
+    by: Any
+    acceleration: Any
+    accelerated: Any
+
+
+def _correct_by_gravity(p: Params, x: X, d: Due, nominal: Any, P: Any) -> Gravity:
+    """Return the correction by the mean specific force, weaker where the hand accelerates."""
+    i, e, g = p.inertial, p.tracker, d.g
     q = Nominal.unpack(nominal).attitude
     noise_f = i.force_noise / ca.sqrt(2 * g.waited)
-    force = mean[:3] - Nominal.unpack(nominal).force_bias
+    force = d.mean[:3] - Nominal.unpack(nominal).force_bias
     (seen,) = sources.recorded(
         "accelerating",
         lambda q, f, n, h, a: accelerating(q, f, n, h, Acceleration.unpack(a)).pack(),
@@ -536,52 +601,99 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         g.waited,
         x.acceleration.pack(),
     )
-    acceleration = ca.if_else(aided, seen, x.acceleration.pack())
+    acceleration = ca.if_else(d.aided, seen, x.acceleration.pack())
     level = Acceleration.unpack(acceleration).level
-    calm = ca.fabs(ca.sqrt(ca.sumsqr(mean[:3])) - i.gravity) < i.quiet
+    calm = ca.fabs(ca.sqrt(ca.sumsqr(d.mean[:3])) - i.gravity) < i.quiet
     resting = noise_f**2 + i.hand_density**2 / (2 * g.waited)
     moving = ca.if_else(e.hard_switching, 0, i.hand_gain * level) ** 2
     accelerated = ca.if_else(e.hard_switching, ca.logic_not(calm), moving > resting)
     R_f = (resting + moving) * ca.DM.eye(3)
-    by_gravity = ca.logic_and(aided, ca.logic_not(ca.logic_and(e.hard_switching, accelerated)))
+    by_gravity = ca.logic_and(d.aided, ca.logic_not(ca.logic_and(e.hard_switching, accelerated)))
 
     def with_gravity(nominal: Any, P: Any, known: Any, R: Any, gate: Any) -> tuple[Any, ...]:
         found = FILTER.correct(gravity_residual, nominal, known, P, R, gate)
         return found.x, found.P, found.squared
 
-    nominal, P, gravity_squared = chosen(
-        by_gravity, with_gravity, nominal, P, ca.vertcat(mean[:3], i.gravity), R_f, e.gate
-    )
+    known = ca.vertcat(d.mean[:3], i.gravity)
+    corrected = chosen(by_gravity, with_gravity, nominal, P, known, R_f, e.gate)
+    return Gravity(*corrected, by_gravity, acceleration, accelerated)
 
-    # Heading
-    field = mean[3:]
+
+class Heading(NamedTuple):
+    """Correction by the magnetic field.
+
+    Attributes:
+        nominal, P: state and covariance after it.
+        squared: normalised innovation squared.
+        by: whether it was made.
+        usable: whether the field may be used.
+        doubt: time for which a field that was strange is not believed [s].
+        disturbed: whether it is strange.
+    """
+
+    nominal: Any
+    P: Any
+    squared: Any
+    by: Any
+    usable: Any
+    doubt: Any
+    disturbed: Any
+
+
+def _correct_by_field(p: Params, x: X, d: Due, gravity: Gravity) -> Heading:
+    """Return the correction of the heading, weaker where the field is disturbed."""
+    m, e, g = p.magnetic, p.tracker, d.g
+    nominal, field = gravity.nominal, d.mean[3:]
     site = ca.vertcat(m.strength, m.inclination, m.strength_limit, m.dip_limit)
     (strange,) = sources.recorded(
         "disturbance", disturbance, site, Nominal.unpack(nominal).attitude, field
     )
     grown = ca.fmin(x.doubt + DOUBT * g.waited, ca.if_else(e.hard_switching, 0, m.hold))
     left_over = ca.fmax(x.doubt - g.waited, 0)
-    doubt = ca.if_else(aided, ca.if_else(strange, grown, left_over), x.doubt)
-    disturbed = ca.if_else(aided, ca.logic_or(strange, doubt > 0), x.disturbed)
+    doubt = ca.if_else(d.aided, ca.if_else(strange, grown, left_over), x.doubt)
+    disturbed = ca.if_else(d.aided, ca.logic_or(strange, doubt > 0), x.disturbed)
     horizontal = m.strength * ca.cos(m.inclination)
     heading_density = ca.if_else(disturbed, m.disturbed_density, m.heading_density)
     R_h = ((m.noise / horizontal) ** 2 + heading_density**2) / (2 * g.waited)
     usable = ca.logic_and(m.used, ca.logic_not(disturbed))
-    by_heading = ca.logic_and(by_gravity, ca.if_else(e.hard_switching, usable, m.used))
+    by_heading = ca.logic_and(gravity.by, ca.if_else(e.hard_switching, usable, m.used))
 
     def with_heading(nominal: Any, P: Any, known: Any, R: Any, gate: Any) -> tuple[Any, ...]:
         found = FILTER.correct(heading_residual, nominal, known, P, R, gate)
         return found.x, found.P, found.squared
 
     q = Nominal.unpack(nominal).attitude
-    (shown,) = sources.recorded("heading", heading, q, field)
-    known = ca.vertcat(shown, q, m.inclination)
-    nominal, P, heading_squared = chosen(by_heading, with_heading, nominal, P, known, R_h, e.gate)
+    (measured,) = sources.recorded("heading", heading, q, field)
+    known = ca.vertcat(measured, q, m.inclination)
+    corrected = chosen(by_heading, with_heading, nominal, gravity.P, known, R_h, e.gate)
+    return Heading(*corrected, by_heading, usable, doubt, disturbed)
 
-    # Tracker
-    trusted = ca.logic_and(ca.logic_not(accelerated), usable)
+
+class Coils(NamedTuple):
+    """Correction by the tracker.
+
+    Attributes:
+        nominal, P: state and covariance after it.
+        squared: normalised innovation squared.
+        by: whether it was made.
+        doubted: time for which the tracker has not fitted [s].
+    """
+
+    nominal: Any
+    P: Any
+    squared: Any
+    by: Any
+    doubted: Any
+
+
+def _correct_by_tracker(
+    p: Params, u: In, x: X, T: float, d: Due, gravity: Gravity, north: Heading
+) -> Coils:
+    """Return the correction by the tracker's attitude, of the instant at which it was sensed."""
+    e = p.tracker
+    trusted = ca.logic_and(ca.logic_not(gravity.accelerated), north.usable)
     by_coils = ca.logic_and(
-        tracked, ca.logic_not(ca.logic_and(e.hard_switching, ca.logic_and(x.started, trusted)))
+        d.tracked, ca.logic_not(ca.logic_and(e.hard_switching, ca.logic_and(x.started, trusted)))
     )
     distance = ca.sqrt(ca.sumsqr(u.em_position - e.generator))
     R_e = (e.sigma * (1 + (distance / e.jitter_distance) ** 4)) ** 2 * ca.DM.eye(3)
@@ -596,44 +708,57 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         return found.x, found.P, found.squared, level
 
     age = ca.fmax(u.em_age - e.lag, 0)
-    nominal, P, em_squared, level_coils = chosen(
-        by_coils, with_tracker, nominal, P, came.attitude, past, age, mean[:3], R_e, e.gate
+    attitude, force = d.came.attitude, d.mean[:3]
+    nominal, P, squared, level = chosen(
+        by_coils, with_tracker, north.nominal, north.P, attitude, d.past, age, force, R_e, e.gate
     )
-
     # Where metal bends the tracker's attitude, it mostly bends the vertical, too.
-    beyond = ca.logic_and(em_squared > 3 * e.gate, level_coils)
-    doubted = sources.doubted(x.tracked, by_coils, beyond, T)
+    beyond = ca.logic_and(squared > 3 * e.gate, level)
+    return Coils(nominal, P, squared, by_coils, sources.doubted(x.tracked, by_coils, beyond, T))
+
+
+def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
+    """Return state and outputs one sample later."""
+    d = _collect(p, u, x, T)
+    nominal, P, carried = _predict(p, x, d)
+    gravity = _correct_by_gravity(p, x, d, nominal, P)
+    north = _correct_by_field(p, x, d, gravity)
+    coils = _correct_by_tracker(p, u, x, T, d, gravity, north)
+    P = coils.P
+
     # What is gathered begins anew where it was used.
-    emptied = ca.logic_or(carried, first)
-    fresh = ca.logic_or(aided, first)
+    g, emptied = d.g, ca.logic_or(carried, d.first)
+    used = ca.logic_or(ca.logic_or(d.aided, d.first), d.due)
     g = Gathered(
         turn=ca.if_else(emptied, ca.DM([1, 0, 0, 0]), g.turn),
         angle=ca.if_else(emptied, 0, g.angle),
         variance=ca.if_else(emptied, 0, g.variance),
         time=ca.if_else(emptied, 0, g.time),
-        waited=ca.if_else(ca.logic_or(fresh, due), 0, g.waited),
-        sums=ca.if_else(ca.logic_or(fresh, due), 0, g.sums),
-        count=ca.if_else(ca.logic_or(fresh, due), 0, g.count),
+        waited=ca.if_else(used, 0, g.waited),
+        sums=ca.if_else(used, 0, g.sums),
+        count=ca.if_else(used, 0, g.count),
     )
-    state = Nominal.unpack(nominal)
-    rate = sample.sensed[:3] - state.rate_bias
-    (attitude,) = sources.recorded("now", now, state.attitude, g.turn, rate * e.lag)
+    state = Nominal.unpack(coils.nominal)
+    rate = d.sample.sensed[:3] - state.rate_bias
+    (attitude,) = sources.recorded("now", now, state.attitude, g.turn, rate * p.tracker.lag)
     variances = ca.fmax(ca.diag(P), 0) + NOTHING
     sigma = {name: ca.sqrt(variances[place]) for name, place in SPACE.places.items()}
     attitude_sigma = ca.sqrt(variances[SPACE.places["attitude"]] + g.variance)
     well_known = ca.mmax(attitude_sigma) < p.attitude_limit
+    aided_by_coils = 1 - d.by_tracker
+    squared = gravity.squared + north.squared + aided_by_coils * coils.squared
     return (
         X(
             nominal=state,
             P=P,
-            started=started,
+            started=d.started,
             age=ca.fmin(x.age + T, 1e6),
             gathered=g,
-            acceleration=Acceleration.unpack(acceleration),
-            unit=sample.unit,
-            tracked=came.tracked.replace(doubted=doubted),
-            disturbed=disturbed,
-            doubt=doubt,
+            acceleration=Acceleration.unpack(gravity.acceleration),
+            unit=d.sample.unit,
+            tracked=d.came.tracked.replace(doubted=coils.doubted),
+            disturbed=north.disturbed,
+            doubt=north.doubt,
         ),
         Out(
             attitude=attitude,
@@ -642,20 +767,18 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             distortion=state.distortion,
             mounting=rotations.canonical(state.mounting),
             registration=rotations.canonical(state.registration),
-            valid=ca.logic_and(started, well_known),
-            inertial_lost=sample.lost,
-            em_lost=came.tracked.quiet > e.patience,
-            accelerated=accelerated,
-            magnetic_disturbance=ca.logic_and(m.used, disturbed),
+            valid=ca.logic_and(d.started, well_known),
+            inertial_lost=d.sample.lost,
+            em_lost=d.came.tracked.quiet > p.tracker.patience,
+            accelerated=gravity.accelerated,
+            magnetic_disturbance=ca.logic_and(p.magnetic.used, north.disturbed),
             attitude_sigma=attitude_sigma,
             rate_bias_sigma=sigma["rate_bias"],
             distortion_sigma=sigma["distortion"],
             mounting_sigma=sigma["mounting"],
             registration_sigma=sigma["registration"],
-            innovation_squared=ca.fmax(
-                gravity_squared + heading_squared + (1 - by_tracker) * em_squared, 0
-            ),
-            innovation_size=3 * by_gravity + by_heading + 3 * by_coils * (1 - by_tracker),
+            innovation_squared=ca.fmax(squared, 0),
+            innovation_size=3 * gravity.by + north.by + 3 * coils.by * aided_by_coils,
         ),
     )
 
