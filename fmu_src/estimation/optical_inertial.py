@@ -36,7 +36,8 @@ Without fresh inertial samples, or with ones that are frozen or clipped, the las
 hold and the process noise is that of a moving hand.
 """
 
-from typing import Any
+from dataclasses import dataclass
+from typing import Any, NamedTuple
 
 import casadi as ca
 
@@ -414,34 +415,81 @@ def marker_residual(x: Any, u: Any) -> Any:
     return ca.vertcat(*found)
 
 
-def make(name: str, method: Filter) -> Model:
-    """The FMU of this model with one of the filters.
+class Advanced(NamedTuple):
+    """State at this inertial sample, before any correction.
 
-    Args:
-        name: of the FMU.
-        method: on `SPACE`.
+    Attributes:
+        sample: of the inertial unit, see `sources.inertial`.
+        nominal, P: state and covariance at the last due sample.
+        past, steps: rates and forces of the last due samples, and their periods.
+        pending: time since the last due sample [s].
     """
 
-    def predict(nominal: Any, P: Any, known: Any, Q: Any) -> tuple[Any, ...]:
-        return method.predict(process, nominal, known, P, Q)
+    sample: Any
+    nominal: Any
+    P: Any
+    past: Any
+    steps: Any
+    pending: Any
+
+
+class Corrected(NamedTuple):
+    """State after a pose, single markers, or a start.
+
+    Attributes:
+        nominal, P: state and covariance.
+        squared: normalised innovation squared.
+        size: its degrees of freedom.
+        doubted: whether the last pose did not fit.
+        used: whether the tracker corrected or started the filter.
+        started: whether it has started by now.
+        z: pose of the tracker, (7,).
+    """
+
+    nominal: Any
+    P: Any
+    squared: Any
+    size: Any
+    doubted: Any
+    used: Any
+    started: Any
+    z: Any
+
+
+@dataclass(frozen=True)
+class _Step:
+    """One sample, by a filter on `SPACE`."""
+
+    method: Filter
+
+    def predict(self, nominal: Any, P: Any, known: Any, Q: Any) -> tuple[Any, ...]:
+        """Return state and covariance after the motion between two samples."""
+        return self.method.predict(process, nominal, known, P, Q)
 
     def correct(
-        function: Any, nominal: Any, P: Any, past: Any, steps: Any, age: Any, z: Any, R: Any, g: Any
+        self,
+        function: Any,
+        nominal: Any,
+        P: Any,
+        past: Any,
+        steps: Any,
+        age: Any,
+        z: Any,
+        R: Any,
+        g: Any,
     ) -> tuple[Any, ...]:
+        """Return state, covariance and squared innovation after a measurement of some age."""
         known = ca.vertcat(*_way_back(nominal, past, steps, age), z)
-        found = method.correct(function, nominal, known, P, R, g)
+        found = self.method.correct(function, nominal, known, P, R, g)
         return found.x, found.P, found.squared
 
-    def step(p: Any, u: Any, x: Any, T: float) -> tuple[X, Out]:
-        """One sample."""
+    def advance(self, p: Any, u: Any, x: Any, T: float) -> Advanced:
+        """Return the state up to this inertial sample; where one is overdue the last one holds."""
         unit, tracker = p.inertial, p.tracker
         sample = sources.inertial(x.unit, u.rate, u.force, u.inertial_valid, p.limits, T)
-        sensed, lost = sample.sensed, sample.lost
-        # Where a sample is overdue the last one holds.
+        sensed = sample.sensed
         due = ca.logic_or(sample.fresh, sample.unit.pending > p.limits.patience)
         pending = x.pending + T
-
-        # Up to this inertial sample
         left = ca.exp(
             -pending
             / ca.vertcat(
@@ -450,15 +498,25 @@ def make(name: str, method: Filter) -> Model:
                 tracker.attitude_offset_memory,
             )
         )
-        Q = ca.diag(_process_noise(unit, tracker, lost, sensed - x.unit.sensed, pending, left))
+        change = sensed - x.unit.sensed
+        Q = ca.diag(_process_noise(unit, tracker, sample.lost, change, pending, left))
         known = ca.vertcat(x.unit.sensed, sensed, pending, left)
-        nominal, P = chosen(ca.logic_and(due, x.started), predict, x.nominal.pack(), x.P, known, Q)
-        past = ca.if_else(due, ca.horzcat(sensed, x.past[:, :-1]), x.past)
-        steps = ca.if_else(due, ca.vertcat(pending, x.steps[:-1]), x.steps)
-        pending = ca.if_else(due, 0, pending)
+        going = ca.logic_and(due, x.started)
+        nominal, P = chosen(going, self.predict, x.nominal.pack(), x.P, known, Q)
+        return Advanced(
+            sample,
+            nominal,
+            P,
+            past=ca.if_else(due, ca.horzcat(sensed, x.past[:, :-1]), x.past),
+            steps=ca.if_else(due, ca.vertcat(pending, x.steps[:-1]), x.steps),
+            pending=ca.if_else(due, 0, pending),
+        )
 
+    def by_tracker(self, p: Any, u: Any, x: Any, now: Advanced) -> Corrected:
+        """Return the state after a pose, or after single markers where there is none."""
+        tracker, past, steps = p.tracker, now.past, now.steps
         taken, z = arrived(u, x.pose)
-        age = u.optical_age - pending
+        age = u.optical_age - now.pending
         known_then = age <= ca.sum1(steps[:-1])
         usable = ca.logic_and(ca.logic_and(taken, known_then), x.started)
         position, attitude = tracker.position_noise, tracker.attitude_noise
@@ -466,12 +524,11 @@ def make(name: str, method: Filter) -> Model:
         gate = ca.if_else(x.doubted, OPEN, tracker.gate)
         nominal, P, squared = chosen(
             usable,
-            lambda *values: correct(residual, *values),
-            *(nominal, P, past, steps, age, z, R, gate),
+            lambda *values: self.correct(residual, *values),
+            *(now.nominal, now.P, past, steps, age, z, R, gate),
         )
         doubted = ca.if_else(usable, squared > POSE * tracker.gate, x.doubted)
 
-        # Single markers
         visible = ca.vertcat(
             u.optical_visible1, u.optical_visible2, u.optical_visible3, u.optical_visible4
         )
@@ -483,7 +540,7 @@ def make(name: str, method: Filter) -> Model:
         )
         nominal, P, marker_squared = chosen(
             single,
-            lambda *values: correct(marker_residual, *values),
+            lambda *values: self.correct(marker_residual, *values),
             *(nominal, P, past, steps, age),
             ca.vertcat(seen, visible, ca.vec(tracker.markers.T)),
             tracker.marker_noise**2 * ca.DM.eye(MARKER),
@@ -496,12 +553,25 @@ def make(name: str, method: Filter) -> Model:
             lambda _nominal, _P, start, variance: (start, ca.diag(variance)),
             *(nominal, P, _start(p, z), _start_variance(p)),
         )
-        started = ca.logic_or(x.started, first)
-        used = ca.logic_or(ca.logic_or(usable, single), first)
-        unseen = ca.if_else(used, 0, x.unseen + T)
+        return Corrected(
+            nominal,
+            P,
+            squared=squared + marker_squared,
+            size=POSE * usable + 3 * count * single,
+            doubted=doubted,
+            used=ca.logic_or(ca.logic_or(usable, single), first),
+            started=ca.logic_or(x.started, first),
+            z=z,
+        )
 
-        state = Nominal.unpack(nominal)
-        q_now, p_now, v_now, w_now, J = _now()(nominal, sensed, pending)
+    def __call__(self, p: Any, u: Any, x: Any, T: float) -> tuple[X, Out]:
+        """Return state and outputs one sample later."""
+        now = self.advance(p, u, x, T)
+        found = self.by_tracker(p, u, x, now)
+        P, started = found.P, found.started
+        unseen = ca.if_else(found.used, 0, x.unseen + T)
+        state = Nominal.unpack(found.nominal)
+        q_now, p_now, v_now, w_now, J = _now()(found.nominal, now.sample.sensed, now.pending)
         of_pose = deviation(ca.sum1((P @ J) * J).T)
         of_state = deviation(ca.diag(P))
         part = {name: of_state[place] for name, place in SPACE.places.items()}
@@ -512,12 +582,12 @@ def make(name: str, method: Filter) -> Model:
             nominal=state,
             P=P,
             started=started,
-            unit=sample.unit,
-            pending=pending,
-            past=past,
-            steps=steps,
-            pose=ca.if_else(u.optical_new, z, x.pose),
-            doubted=doubted,
+            unit=now.sample.unit,
+            pending=now.pending,
+            past=now.past,
+            steps=now.steps,
+            pose=ca.if_else(u.optical_new, found.z, x.pose),
+            doubted=found.doubted,
             unseen=ca.fmin(unseen, LONG),
         )
         return following, Out(
@@ -526,26 +596,29 @@ def make(name: str, method: Filter) -> Model:
             velocity=v_now,
             body_rate=w_now,
             valid=ca.logic_and(started, known_well),
-            inertial_lost=lost,
-            optical_lost=ca.logic_or(unseen > tracker.patience, ca.logic_not(started)),
+            inertial_lost=now.sample.lost,
+            optical_lost=ca.logic_or(unseen > p.tracker.patience, ca.logic_not(started)),
             attitude_sigma=of_pose[:3],
             position_sigma=of_pose[3:6],
             velocity_sigma=of_pose[6:],
-            **{f"{name}_sigma": part[name] for name in _TOLD},
+            **{f"{name}_sigma": part[name] for name in _REPORTED},
             rate_bias=state.rate_bias,
             force_bias=state.force_bias,
             lever=state.lever,
             mounting=ca.if_else(started, rotations.canonical(state.mounting), ca.DM([1, 0, 0, 0])),
             rate_lag=state.rate_lag,
             force_lag=state.force_lag,
-            innovation_squared=ca.fmax(squared + marker_squared, 0),
-            innovation_size=POSE * usable + 3 * count * single,
+            innovation_squared=ca.fmax(found.squared, 0),
+            innovation_size=found.size,
         )
 
+
+def make(name: str, method: Filter) -> Model:
+    """Return the model of this estimator with one of the filters on `SPACE`, under a name."""
     # Derivatives of Jacobians of 53 errors would be half of the binary and of the time to build it.
     return Model(
         name,
-        step,
+        _Step(method),
         Params,
         In,
         X,
@@ -556,7 +629,7 @@ def make(name: str, method: Filter) -> Model:
     )
 
 
-_TOLD = (
+_REPORTED = (
     "rate_bias",
     "force_bias",
     "lever",
