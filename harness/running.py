@@ -44,7 +44,7 @@ class HilSession(Protocol):
         """Takes the signals of every tick."""
 
     def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
-        """The loop has ended: end everything else.
+        """End everything else now that the loop has ended.
 
         Returns:
             More facts about the run, JSON types only.
@@ -196,7 +196,7 @@ def default_folder(system: System) -> Path:
 
 
 def metadata_of(system: System) -> dict[str, Any]:
-    """What has to be known to repeat a run and to read its results; JSON types only."""
+    """Return what is needed to repeat a run and to read its results; JSON types only."""
     if system.unfused is not None:
         return {**metadata_of(system.unfused), "fused": True}
     scenario = system.scenario

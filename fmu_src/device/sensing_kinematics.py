@@ -79,7 +79,7 @@ class Geometry:
 
     @classmethod
     def of(cls, layout: Layout) -> "Geometry":
-        """The same from parameters."""
+        """Return the geometry of a layout given as parameters."""
         return cls.of_design(layout.d1, layout.d2, layout.d3, layout.tip)
 
     def baselines(self) -> list[Any]:

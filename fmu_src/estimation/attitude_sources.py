@@ -145,7 +145,7 @@ def inertial(x: Unit, rate: Any, force: Any, valid: Any, limits: Limits, T: floa
 
 
 def moved(past: Any, turn: Any) -> Any:
-    """The kept attitudes with one more, a turn (3,) [rad] later, (4, LATEST)."""
+    """Return the kept attitudes with one more, a turn (3,) [rad] later, (4, LATEST)."""
 
     def turned(c: Any, turn: Any) -> Any:
         return rotations.normalize(rotations.multiply(c, rotations.from_rotation_vector(turn)))
@@ -213,7 +213,7 @@ def shown(expected: Any, measured: Any) -> Any:
 
 
 def attitude_residual(predicted: Any, u: Any) -> Any:
-    """What a measured attitude shows, minus what the prediction makes of it, (3,) [rad].
+    """Return the measured attitude minus the predicted one, as a rotation vector, (3,) [rad].
 
     What is measured is not in the slope, which would be bent by its noise; to the first order in
     the distance of the prediction from that at the nominal state.

@@ -615,8 +615,8 @@ def _correct_by_gravity(p: Params, x: X, d: Due, nominal: Any, P: Any) -> Gravit
         return found.x, found.P, found.squared
 
     known = ca.vertcat(d.mean[:3], i.gravity)
-    corrected = chosen(by_gravity, with_gravity, nominal, P, known, R_f, e.gate)
-    return Gravity(*corrected, by_gravity, acceleration, accelerated)
+    nominal, P, squared = chosen(by_gravity, with_gravity, nominal, P, known, R_f, e.gate)
+    return Gravity(nominal, P, squared, by_gravity, acceleration, accelerated)
 
 
 class Heading(NamedTuple):
@@ -665,8 +665,8 @@ def _correct_by_field(p: Params, x: X, d: Due, gravity: Gravity) -> Heading:
     q = Nominal.unpack(nominal).attitude
     (measured,) = sources.recorded("heading", heading, q, field)
     known = ca.vertcat(measured, q, m.inclination)
-    corrected = chosen(by_heading, with_heading, nominal, gravity.P, known, R_h, e.gate)
-    return Heading(*corrected, by_heading, usable, doubt, disturbed)
+    nominal, P, squared = chosen(by_heading, with_heading, nominal, gravity.P, known, R_h, e.gate)
+    return Heading(nominal, P, squared, by_heading, usable, doubt, disturbed)
 
 
 class Coils(NamedTuple):

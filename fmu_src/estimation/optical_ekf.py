@@ -194,7 +194,7 @@ def optical_residual(x: Any, u: Any) -> Any:
 
 
 def process_noise(p: Params, T: float) -> Any:
-    """What white angular acceleration and bias rate add in a sample, (SIZE, SIZE)."""
+    """Return what white angular acceleration and bias rate add in a sample, (SIZE, SIZE)."""
     s = p.angular_acceleration**2 / 2
     eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
     moved = ca.vertcat(

@@ -324,7 +324,7 @@ class Back:
 
     @staticmethod
     def longer(back: Any, w: Any, f: Any, h: Any) -> Any:
-        """The same from h earlier on, with the mean rate and force of that time."""
+        """Return the way back from h earlier on, with the mean rate and force of that time."""
         q_r, v_r, p_r, t = back[:4], back[4:7], back[7:10], back[10]
         turn = rotations.from_rotation_vector(w * h)
         half = rotations.matrix(rotations.from_rotation_vector(w * (h / 2)))

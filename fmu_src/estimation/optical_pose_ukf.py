@@ -285,7 +285,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
 
 
 def _of_body(x: Nominal, R: Any, lever: Any, P: Any) -> dict[str, Any]:
-    """Standard deviations of position and velocity of the tracked body, (3,) each."""
+    """Return standard deviations of position and velocity of the tracked body, (3,) each."""
     eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
     arm = -R @ rotations.skew(lever)
     turned = -R @ rotations.skew(ca.cross(x.body_rate, lever))

@@ -68,7 +68,7 @@ class Space:
         return [i for place in places for i in range(place.start, place.stop)]
 
     def stacked(self, x: Record) -> Any:
-        """The fields of this space, of a whole record, (N,)."""
+        """Stack the fields of this space from a whole record, (N,)."""
         return ca.vertcat(*(ca.vec(getattr(x, name)) for name in self.parts))
 
     def moved(self, x: Any, e: Any) -> Any:
@@ -183,7 +183,7 @@ class Moved:
         return moved, scaled, factors
 
     def after(self, e: Any) -> Any:
-        """The fields that are moved, after the process of a state with an error."""
+        """Return the fields that are moved, after the process of a state with an error."""
         return self.small.stacked(self._process(self._at(e), self._known))
 
     def together(self, x: Any, u: Any, moved: Any, P: Any, across: Any, own: Any) -> Any:
@@ -220,7 +220,7 @@ def slope(expression: Any, e: Any) -> Any:
 
 
 def at_zero(expression: Any, e: Any) -> Any:
-    """An expression where the error e is zero."""
+    """Evaluate an expression where the error e is zero."""
     return ca.simplify(ca.substitute(expression, e, ca.DM.zeros(*e.shape)))
 
 

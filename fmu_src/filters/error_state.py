@@ -263,7 +263,7 @@ Filter = Extended | Unscented
 
 
 def deviation(variance: Any) -> Any:
-    """Standard deviation, with a derivative everywhere."""
+    """Return the standard deviation, with a derivative everywhere."""
     return ca.sqrt(ca.fmax(variance, 0) + NOTHING)
 
 

@@ -143,7 +143,7 @@ class Container(Model):
         ]
 
     def rate(self, member: Member) -> int:
-        """Samples of a member in a tick."""
+        """Return the samples of a member in a tick."""
         return round(self.sample_period / member.model.sample_period)
 
     @property
@@ -348,7 +348,7 @@ def contain(
 
 
 def _delayed(links: Sequence[Link]) -> dict[tuple[str, str], int]:
-    """Outputs that arrive later, with the longest of their delays [ticks]."""
+    """Return outputs that arrive later, with the longest of their delays [ticks]."""
     found: dict[tuple[str, str], int] = {}
     for link in links:
         if link.delay:
@@ -402,7 +402,7 @@ def _unlisted(record: type[Record]) -> type[Record]:
 def _narrowed(
     member: Member, scalar: Scalar, members: Sequence[Member], links: Sequence[Link]
 ) -> Field:
-    """An output within its own limits and those of the inputs that it drives."""
+    """Limit an output to its own limits and those of the inputs that it drives."""
     fields = [scalar.field]
     models = {other.name: other.model for other in members}
     for link in links:
@@ -415,7 +415,7 @@ def _narrowed(
 
 
 def _restarted(record: type[Record], starts: Mapping[str, float], prefix: str = "") -> type[Record]:
-    """The same record with other start values of single scalars."""
+    """Return a record with other start values of single scalars."""
     fields: dict[str, Any] = {}
     for name, field in record.fields.items():
         if not isinstance(field, Field):

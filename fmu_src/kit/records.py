@@ -176,12 +176,12 @@ class Record:
         self._whole: Any = None  # the vector that it was cut from
 
     def replace(self, **values: Any) -> Self:
-        """A copy with some fields changed."""
+        """Return a copy with some fields changed."""
         return type(self)(**{**{name: getattr(self, name) for name in self.fields}, **values})
 
     @classmethod
     def starting(cls, **starts: Any) -> type[Self]:
-        """The same record with other start values, for use as a nested record."""
+        """Return a record with other start values, for use as a nested record."""
         changed = {}
         for name, value in starts.items():
             field = cls.fields.get(name)
@@ -203,7 +203,7 @@ class Record:
 
     @classmethod
     def size(cls) -> int:
-        """Number of scalars in the record."""
+        """Return the number of scalars in the record."""
         return sum(f.size if isinstance(f, Field) else f.size() for f in cls.fields.values())
 
     @classmethod

@@ -68,7 +68,7 @@ class Runner:
         }
 
     def _initialise(self, u: np.ndarray, r: np.ndarray) -> None:
-        """Outputs before the first step, and the states that they are put into."""
+        """Compute outputs before the first step, and put them into the states that hold them."""
         start: Any = self.model.start_function
         self.initial = np.array(start(self.p, self.d, u, self.x, r)[1]).ravel()
         for output, state in self.model.latches:

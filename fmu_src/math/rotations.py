@@ -44,7 +44,7 @@ def matrix(q: Any) -> ca.SX:
 
 
 def from_rotation_vector(theta: Any) -> ca.SX:
-    """Unit quaternion of a rotation vector, exact at every angle, (4,).
+    """Return the unit quaternion of a rotation vector, exact at every angle, (4,).
 
     sin(a/2)/a is smooth at zero; its series takes over below 1e-4 rad, where the next term is
     beneath the rounding.
@@ -67,7 +67,7 @@ def to_rotation_vector(q: Any) -> ca.SX:
 
 
 def from_matrix(R: Any) -> ca.SX:
-    """Unit quaternion of a rotation matrix, scalar part not negative, (4,).
+    """Return the unit quaternion of a rotation matrix, scalar part not negative, (4,).
 
     The row with the largest component divides, so no angle is singular (Shepperd's choice; A04 eq.
     4.27 divides by zero at 180 degrees).
@@ -95,5 +95,5 @@ def from_matrix(R: Any) -> ca.SX:
 
 
 def canonical(q: Any) -> ca.SX:
-    """The one of q and -q whose scalar part is not negative, (4,); for outputs only."""
+    """Return the one of q and -q whose scalar part is not negative, (4,); for outputs only."""
     return ca.if_else(q[0] < 0, -1.0, 1.0) * q

@@ -124,7 +124,7 @@ class CanChannel:
             ) from None
 
     def receive(self, timeout: float) -> Any:
-        """The next frame, a `can.Message`, its time in `timestamp` [us]; None if there is none.
+        """Return the next `can.Message`, its time in `timestamp` [us]; None if there is none.
 
         Args:
             timeout: how long to wait for it [s].
@@ -188,7 +188,7 @@ class CanChannel:
         self._next_try = self._since + round(seconds * 1e6)
 
     def recovered(self) -> None:
-        """A whole sample came in: what was wrong before is over."""
+        """Take note of a whole sample: earlier trouble is over."""
         self.offs = 0
 
     def _leave(self, state: State, reason: str) -> None:

@@ -56,10 +56,10 @@ class Journal(Protocol):
     """Takes all that happens on a bus, in its order."""
 
     def frame(self, message: Any) -> None:
-        """A frame that came or went; its time is in [us]."""
+        """Log a frame that came or went; its time is in [us]."""
 
     def turn(self, time: int, content: bytes) -> None:
-        """A tick began."""
+        """Log that a tick began."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -98,7 +98,7 @@ class Outgoing:
         self._counter = -1
 
     def frame(self, values: Sequence[float]) -> bytes:
-        """The next frame.
+        """Return the next frame.
 
         Raises:
             FaultError: a value does not fit.
@@ -107,7 +107,7 @@ class Outgoing:
         return self._encode(values, self._counter)
 
     def numbered(self, values: Sequence[float], number: int) -> bytes:
-        """A frame whose counter is the remainder of a number."""
+        """Return a frame whose counter is the remainder of a number."""
         self._counter = number % self._modulus
         return self._encode(values, self._counter)
 
@@ -317,7 +317,7 @@ class ControllerNode:
             self._send(beat, beat.frame([float(state)]))
 
     def metadata(self) -> dict[str, Any]:
-        """What the report says about the bus; JSON types only."""
+        """Return what the report says about the bus; JSON types only."""
         reception = self.reception
         return {
             "messages": {
@@ -445,7 +445,7 @@ class ControllerNode:
         return not self.fault
 
     def command(self, wanted: Sequence[float]) -> bytes | None:
-        """The tick's command; None where nothing is commanded.
+        """Return the tick's command; None where nothing is commanded.
 
         Args:
             wanted: voltages that the controller asks for [V].

@@ -251,7 +251,7 @@ def _attribute(message: Any, name: str, default: Any) -> Any:
 
 
 def _choice(message: Any, name: str, choices: Sequence[str], problems: list[str]) -> str:
-    """An attribute that is one of several words, which DBC files write as a number or as itself."""
+    """Return an attribute that is one of several words, written as a number or as itself."""
     value = _attribute(message, name, choices[0])
     if isinstance(value, int) and 0 <= value < len(choices):
         return choices[value]

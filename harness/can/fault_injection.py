@@ -139,7 +139,7 @@ class FaultInjection:
         self._stuck: dict[int, bytes | None] = {}
 
     def begin(self, medium: Any, sample: int, time: float) -> None:
-        """A sample is due.
+        """Begin a sample that is due.
 
         Args:
             medium: of the board.
@@ -166,7 +166,7 @@ class FaultInjection:
             medium.send(*content)
 
     def values(self, values: Mapping[str, float]) -> Mapping[str, float]:
-        """The values of a sample, or what is told of them."""
+        """Return the values of a sample, or what the faults make of them."""
         for fault in self._active:
             if fault.kind == "freeze":
                 self._frozen = self._frozen or dict(values)
@@ -193,7 +193,7 @@ class FaultInjection:
             medium.send(*aside)
 
     def _worse(self, kind: str, frame: Frame) -> list[Frame]:
-        """What becomes of a frame."""
+        """Return what the faults make of a frame."""
         id, data, is_fd, extended = frame
         chance = self._random
         if kind == "drop":

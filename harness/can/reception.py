@@ -206,7 +206,7 @@ class Reception:
     def take(
         self, time: int, id: int, data: bytes, odd: bool = False, is_fd: bool = False
     ) -> ReceivedMessage | None:
-        """A frame came in.
+        """Take a frame that came in.
 
         Args:
             time: [us].
@@ -345,7 +345,7 @@ class Reception:
         return tuple(kept)
 
     def _put(self, heard: ReceivedMessage, counter: int, time: int) -> None:
-        """A part of a sample."""
+        """Put a part of a sample into its place."""
         slots = self._slots
         slot = slots.get(counter)
         if slot is not None and (
@@ -401,7 +401,7 @@ class Reception:
         return next_one if next_one == by_clock else None
 
     def _told(self, heard: ReceivedMessage, time: int) -> None:
-        """The board says how many samples there have been; that of the next frames is this one."""
+        """Set the number of the next frames to the count of samples that the board states."""
         if self._numbered is not None:
             return
         names = [s.name for s in heard.message.signals]
@@ -419,7 +419,7 @@ class Reception:
         self._said = (said, time)
 
     def _began_anew(self, number: int, time: int) -> None:
-        """The board's count is another one than it was."""
+        """Begin anew because the board's count is another one than it was."""
         text = f"the board counts {number} samples, {(self._number or 0) + 1} were expected"
         self.counts["sequence"] += 1
         self.events.append(Event(time, "sequence", text))
@@ -437,7 +437,7 @@ class Reception:
         return found
 
     def sent(self, seconds: float) -> None:
-        """A frame of this node takes its time on the bus, too [s]."""
+        """Count the time that a frame of this node takes on the bus [s]."""
         self._busy += seconds
 
     def _measure(self, time: int) -> None:

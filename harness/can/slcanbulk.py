@@ -115,7 +115,7 @@ class _Port(Protocol):
     """Bytes in and out, never waiting but in `wait`. OSError: the other end is gone."""
 
     def read(self) -> bytes:
-        """What is there; empty: nothing."""
+        """Return the bytes that are there; empty: nothing."""
 
     def write(self, data: bytes) -> int:
         """How many bytes were taken."""
@@ -248,7 +248,7 @@ class Pty(_File):
         self.connected = False
 
     def read(self) -> bytes:
-        """What is there; empty: nothing, or nobody at the other end."""
+        """Return the bytes that are there; empty: nothing, or nobody at the other end."""
         try:
             data = super().read()
         except OSError as error:
@@ -553,7 +553,7 @@ class SlcanBulkBus(Transport):
                 self._understand(line, now)
 
     def _message(self, line: bytes, now: float) -> can.Message | None:
-        """The frame of a line without its end; None where it is none."""
+        """Return the frame of a line without its end; None where it is none."""
         kind = _KINDS.get(line[0])
         if kind is None:
             return None
@@ -609,7 +609,7 @@ class SlcanBulkBus(Transport):
         return told + passed
 
     def _understand(self, line: bytes, now: float) -> None:
-        """A device's line that is no frame."""
+        """Interpret a device's line that is no frame."""
         letter, text = line[:1], line[1:]
         if line.endswith(b"\a"):
             self.refused += 1
@@ -629,7 +629,7 @@ class SlcanBulkBus(Transport):
             self.malformed += 1
 
     def _obey(self, line: bytes, is_frame: bool) -> None:
-        """A computer's line that is no frame, or a frame that this device may not send."""
+        """Answer a computer's line that is no frame, or a frame that this device may not send."""
         letter, text = line[:1], line[1:]
         answer = b""
         known = True
@@ -674,7 +674,7 @@ def _command(name: str, value: int, commands: dict[int, str]) -> str:
 
 
 def _state_frame(text: bytes, now: float, channel: str) -> can.Message:
-    """The error frame of SocketCAN for `bRRRTTT`: state and both error counters."""
+    """Return the error frame of SocketCAN for `bRRRTTT`: state and both error counters."""
     data = bytearray(8)
     data[6], data[7] = min(255, int(text[4:])), min(255, int(text[1:4]))
     if text[:1] == b"b":

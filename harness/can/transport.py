@@ -45,7 +45,7 @@ def is_bus_off(message: can.Message) -> bool:
 
 
 def bus_off_frame() -> can.Message:
-    """The error frame with which a node tells that its controller has left the bus."""
+    """Return the error frame with which a node says that its controller has left the bus."""
     return can.Message(
         arbitration_id=BUS_OFF, is_extended_id=False, is_error_frame=True, data=bytes(8)
     )

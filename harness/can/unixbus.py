@@ -153,7 +153,7 @@ class UnixBus(Transport):
         self._joined[:] = secrets.token_bytes(_MARK)
 
     def _map_mark(self) -> mmap.mmap:
-        """The few bytes, shared by all nodes, that each node changes when it joins or leaves.
+        """Map the few bytes, shared by all nodes, that each node changes when it joins or leaves.
 
         Looking at them at each `send` costs less than 0.1 us; looking at the folder 2 us or more.
         """
@@ -308,7 +308,7 @@ class UnixBus(Transport):
 
 
 def _encode(msg: can.Message) -> bytes:
-    """A message as it is on the wire, stamped now."""
+    """Encode a message as it is on the wire, stamped now."""
     can_id = msg.arbitration_id
     if msg.is_extended_id:
         can_id |= _EXTENDED
@@ -327,12 +327,12 @@ def _encode(msg: can.Message) -> bytes:
 
 
 def _marked(frame: bytes) -> bytes:
-    """The copy that a node sends to itself, told by the first reserved byte."""
+    """Return the copy that a node sends to itself, marked by the first reserved byte."""
     return frame[:14] + b"\1" + frame[15:]
 
 
 def _decode(datagram: bytes, channel: str) -> can.Message | None:
-    """The message of a datagram; None where it is no frame."""
+    """Return the message of a datagram; None where it is no frame."""
     is_fd = len(datagram) == _FD.size
     if is_fd:
         stamp, can_id, length, flags, own, data = _FD.unpack(datagram)

@@ -49,7 +49,7 @@ def analyze(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """The delay budget: what is left of a tremor, what each part costs, what delay is borne."""
+    """Measure the delay budget: what is left of a tremor, what each part and delay costs."""
     from harness.analyze.analysis import analyze as analyse
     from harness.cli.overrides import parse_overrides
 
@@ -96,7 +96,7 @@ def _shown(table: page.Table) -> Table:
 
 @contextmanager
 def _progress(quiet: bool) -> Iterator[Callable[[float, str], None]]:
-    """A bar that says what is being measured."""
+    """Show a bar that says what is being measured."""
     if quiet:
         yield lambda _share, _what: None
         return

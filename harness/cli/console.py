@@ -64,7 +64,7 @@ class Display:
 
     @contextmanager
     def progress(self) -> Iterator[Callable[[float, float], None]]:
-        """A bar with per cent, rate in multiples of real time, and time left."""
+        """Show a bar with per cent, rate in multiples of real time, and time left."""
         if self._quiet:
             yield lambda _done, _seconds: None
             return
@@ -97,7 +97,7 @@ class Display:
 
     @contextmanager
     def counting(self, what: str) -> Iterator[Callable[[int, int, int], None]]:
-        """A bar for things that are counted: per cent, how many, how many failed, time left."""
+        """Show a bar for counted things: per cent, how many, how many failed, time left."""
         if self._quiet:
             yield lambda _done, _all, _failed: None
             return
@@ -141,7 +141,7 @@ _COMPARED = ("reduction_in_band", "reduction_a_posteriori", "tip_rms", "tip_rms_
 
 
 def comparison_table(runs: Mapping[str, Mapping[str, Metric]]) -> Table:
-    """The main figures of several runs, one row each, and their mean."""
+    """Return the main figures of several runs, one row each, and their mean."""
     table = Table(Column("run", overflow="fold"), box=None, pad_edge=False)
     for name in _COMPARED:
         units = {

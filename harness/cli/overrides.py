@@ -38,7 +38,7 @@ def parse_overrides(
 
 
 def toml_value(text: str) -> Any:
-    """A value as TOML reads it; what is not TOML is a word."""
+    """Parse a value as TOML; what is not TOML is a word."""
     try:
         return tomllib.loads(f"value = {text}")["value"]
     except tomllib.TOMLDecodeError:

@@ -44,7 +44,7 @@ def reproduce(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """The papers' tables and figures, printed beside what this software measures."""
+    """Measure the papers' tables and figures again, and print both numbers side by side."""
     from harness.reproduce.catalogue import chosen, items
 
     known = items()
@@ -113,7 +113,7 @@ def _say(text: str, style: str, fold: bool = True) -> None:
 
 @contextmanager
 def _progress(count: int, quiet: bool) -> Iterator[Callable[[Item, float, str], None]]:
-    """A bar over all items that says which one is at what."""
+    """Show a bar over all items that says which one is at what."""
     if quiet:
         yield lambda _item, _share, _what: None
         return

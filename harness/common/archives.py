@@ -128,7 +128,7 @@ def read(path: Path, member: str, *, most_bytes: int = MOST_BYTES) -> bytes:
 
 
 def troubles(infos: list[zipfile.ZipInfo]) -> Iterator[str]:
-    """What is wrong with the members of an archive, one sentence each."""
+    """Yield what is wrong with the members of an archive, one sentence each."""
     seen: dict[str, str] = {}
     folders: set[str] = set()
     for info in infos:

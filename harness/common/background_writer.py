@@ -60,11 +60,11 @@ class BackgroundFile(io.RawIOBase):
             raise self._error
 
     def writable(self) -> bool:
-        """It is."""
+        """Return True."""
         return True
 
     def seekable(self) -> bool:
-        """It is."""
+        """Return True, as Arrow asks before it writes."""
         return True
 
     def tell(self) -> int:

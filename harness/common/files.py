@@ -54,5 +54,5 @@ def write_text(path: Path, text: str) -> Path:
 
 
 def reason(error: OSError) -> str:
-    """What the system says; Arrow wraps it into words of its own."""
+    """Return what the system says of an error; Arrow wraps it into words of its own."""
     return os.strerror(error.errno) if error.errno else str(error)

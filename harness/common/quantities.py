@@ -19,7 +19,7 @@ _SHORT = ((1e-3, "µs", 1e6), (1.0, "ms", 1e3))
 
 
 def format_quantity(value: float, unit: str) -> tuple[str, str]:
-    """A value with four digits, and its unit, for people; times as short as they are.
+    """Return a value with four digits and its unit for people; short times in ms or µs.
 
     >>> shown(1.25e-05, "m")
     ('12.5', 'µm')

@@ -55,7 +55,7 @@ def part_on_bus(scenario: Scenario) -> str:
 
 
 def _world(scenario: Scenario) -> tuple[str, set[str]]:
-    """The part that is on the bus, and all that is at the other end of it, that part among them."""
+    """Return the part on the bus, and all parts at the other end of it, that part among them."""
     name = part_on_bus(scenario)
     if scenario.parts[name].stands_for is None:
         raise SteadytipError(
@@ -83,7 +83,7 @@ def _put_back(scenario: Scenario, name: str, entry: PartTable | None) -> dict[st
 
 
 def world_scenario(scenario: Scenario, command: Path | None = None) -> Scenario:
-    """The world of a scenario that has one part on a bus, without the bus.
+    """Return the world of a scenario that has one part on a bus, without the bus.
 
     Args:
         scenario: of the loop.
@@ -125,7 +125,7 @@ def board_scenario(
     channel: str | None,
     recording: Path | None = None,
 ) -> Scenario:
-    """The world of a scenario that has one part on a bus, seen from the other end.
+    """Return the world of a scenario that has one part on a bus, seen from the other end.
 
     Args:
         scenario: of the loop.

@@ -236,7 +236,7 @@ def fresh(sample: FloatArray) -> tuple[IntArray, IntArray]:
 
 
 def joined(numbers: Sequence[IntArray]) -> tuple[IntArray, list[IntArray]]:
-    """Samples that all have.
+    """Return the samples that all rings have.
 
     Args:
         numbers: of each, rising.
@@ -324,7 +324,7 @@ def _feed(rows: Rows, name: str) -> Feed:
 def view_of(
     rings: Sequence[Rows], roles: Mapping[str, Sequence[str]], shift: float | None = None
 ) -> tuple[View, float | None]:
-    """What the page shows.
+    """Compute what the page shows.
 
     Args:
         rings: the last rows of each, the loop's first.
@@ -432,7 +432,7 @@ class Live:
             return [(each.path, *each.pulse.look(each.ring, now)) for each in self._sources]
 
     def view(self) -> View:
-        """What there is now."""
+        """Return the present view."""
         with self._lock:
             rings = [source.rows() for source in self._sources]
             view, self._shift = view_of(rings, self._roles_in(rings), self._shift)

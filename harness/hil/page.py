@@ -61,7 +61,7 @@ class _Panel:
 
 
 def application(live: Live) -> dash.Dash:
-    """The page and what answers its requests.
+    """Return the page and the callbacks that answer its requests.
 
     Args:
         live: asked for a view whenever a page wants one.

@@ -78,7 +78,7 @@ class _LoggedNode(ControllerNode):
         """There is nothing to open."""
 
     def meet(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """The board was there."""
+        """Return at once: a log needs no board."""
 
     def wait(self, index: int) -> Turn:
         """Hear what was heard until the tick began; a turn of no steps at the end of the log."""

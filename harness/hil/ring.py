@@ -182,7 +182,7 @@ class Ring:
         return bool(self._words[_CLOSED])
 
     def latest(self, n: int, columns: Sequence[int] | None = None) -> tuple[IntArray, FloatArray]:
-        """The last rows, whole ones only.
+        """Return the last rows, whole ones only.
 
         Args:
             n: at most so many; fewer where fewer were written, or were overwritten meanwhile.
@@ -226,7 +226,7 @@ class RingWriter(Ring):
 
 
 def no_ring(path: Path, wait: float) -> SteadytipError:
-    """What to raise when a file has not appeared within `wait` [s]."""
+    """Return the error to raise when a file has not appeared within `wait` [s]."""
     within = f" within {wait:g} s" if wait > 0.0 else ""
     return SteadytipError(f"there is no ring {path}{within}; is its writer running?")
 

@@ -298,7 +298,7 @@ class _Rig:
         }
 
     def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
-        """What the emulated board has recorded of the world, at the samples of the ticks."""
+        """Return what the emulated board has recorded of the world, at the samples of the ticks."""
         if self._board is None or self._feed is None:
             return None, {}
         try:
@@ -453,7 +453,7 @@ def _arguments(
     faults: Sequence[str],
     seed: int,
 ) -> list[str]:
-    """What an emulated board is called with."""
+    """Return the arguments with which an emulated board is started."""
     import json
 
     arguments = [str(scenario), "--channel", channel]

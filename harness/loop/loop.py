@@ -53,7 +53,7 @@ class RealTimeClock(Protocol):
     watchdog: float
 
     def begin(self, idle: Callable[[], None]) -> None:
-        """The first tick is to come; in the loop's own thread.
+        """Prepare for the first tick; called in the loop's own thread.
 
         Args:
             idle: to be called when there is time, some times a second at least.
@@ -73,7 +73,7 @@ class RealTimeClock(Protocol):
         """
 
     def stop(self) -> None:
-        """The user wants an end, also to waiting; from another thread."""
+        """End the run and any waiting, as the user wants; called from another thread."""
 
     def end(self) -> None:
         """There is no further tick; in the loop's own thread, also after a failure."""
@@ -98,7 +98,7 @@ class SignalSink(Protocol):
         """Where the next ticks go: (n, signals) in C order, n > 0. Nothing else writes there."""
 
     def commit(self, rows: int) -> None:
-        """That many rows of `room` have been written.
+        """Record that many rows of `buffer`.
 
         Raises:
             RecordError: they cannot be recorded.
@@ -258,7 +258,7 @@ class Loop:
         return index, "its step", tick * self._run.step, since
 
     def _hung(self) -> Part | None:
-        """The part whose call has not come back in time, and that cannot be made to."""
+        """Return the part whose call has not come back in time, and that cannot be made to."""
         now = self._called()
         if now is None:
             return None
@@ -314,7 +314,7 @@ class Loop:
             self._pace.end()
 
     def _waited(self, wait: Callable[[], _T], t: float) -> _T:
-        """What a pace says; its failure is that of the part it waits for."""
+        """Return what a clock says; its failure is that of the part it waits for."""
         assert self._pace is not None
         self._now = None
         try:
@@ -350,7 +350,7 @@ class Loop:
         return Checkpoint(self._ticks, self._history.copy())
 
     def _laid_out(self) -> NativeLoop | None:
-        """The run as native calls; None where it has to go tick by tick."""
+        """Return the run as native calls; None where it has to go tick by tick."""
         self._now = None
         if self._pace is not None or self._observe is not None:
             return None

@@ -60,7 +60,7 @@ class _Access(ctypes.Structure):
 
 
 def accesses(calls: Sequence[TypedAccess]) -> Any:
-    """Calls that pass values as an array for C, which lives as long as somebody holds it."""
+    """Return calls that pass values as an array for C, which lives as long as somebody holds it."""
     return (_Access * len(calls))(
         *(_Access(a.function, a.references, a.count, a.values, a.integers) for a in calls)
     )
@@ -112,7 +112,7 @@ class _March(ctypes.Structure):
 
 @cache
 def library() -> Any:
-    """The compiled `native.c`; None where it cannot be had."""
+    """Return the compiled `native.c`; None where it cannot be had."""
     content = ACCESS.read_bytes() + _SOURCE.read_bytes()
     where = " ".join((*_FLAGS, platform.system(), platform.machine()))
     digest = hashlib.sha256(content + where.encode()).hexdigest()[:32]
@@ -132,7 +132,7 @@ def library() -> Any:
 
 
 def compiled(part: Slice, cache: Path, *warnings: str) -> bytes:
-    """The library for a platform.
+    """Compile the library for a platform.
 
     Args:
         part: platform.
@@ -310,7 +310,7 @@ class NativeLoop:
 
 
 def _clock() -> tuple[Any, int, float]:
-    """A monotonic clock's function, its argument, and the period of a counter [s]."""
+    """Return a monotonic clock's function, its argument, and the period of a counter [s]."""
     if sys.platform == "win32":
         kernel = ctypes.WinDLL("kernel32")
         frequency = ctypes.c_int64()

@@ -86,7 +86,7 @@ def run_segments(
     recorder: SignalSink,
     progress: Progress = lambda _done, _seconds: None,
 ) -> LoopOutcome:
-    """A whole run through all that happens; the parts are closed at its end."""
+    """Run through all events to the end, and close the parts."""
     if not system.events:
         return Loop(system, run, recorder).go(progress)
     with keep_instances(system):

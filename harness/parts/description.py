@@ -226,7 +226,7 @@ def _described(path: Path, _state: tuple[int, int, int]) -> Description:
 
 
 def _alone(content: bytes) -> io.BytesIO:
-    """An archive that holds a checked description and nothing else, for fmpy to read."""
+    """Return an archive that holds a checked description and nothing else, for fmpy to read."""
     memory = io.BytesIO()
     with zipfile.ZipFile(memory, "w") as archive:
         archive.writestr(_XML, content)

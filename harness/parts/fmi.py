@@ -382,7 +382,7 @@ class Instance:
         )
 
     def _said(self) -> str:
-        """The FMU's own last words, for the end of an error text."""
+        """Return the FMU's own last words, for the end of an error text."""
         texts = [message.text for message in self._messages if message.status >= WARNING]
         said = list(dict.fromkeys(texts))
         return f". The FMU says: {' | '.join(said[-_QUOTED_MESSAGES:])}" if said else ""

@@ -161,7 +161,7 @@ class FmuPart:
         self.outputs = tuple(port for port in self.outputs if port.name in names)
 
     def _begin(self, run: RunContext) -> Instance | IsolatedInstance:
-        """An instance as new: an earlier run's, if that has left it in order."""
+        """Return an instance as new: an earlier run's, if that has left it in order."""
         if isinstance(self._instance, Instance) and not self.worn:
             self._instance.reset()
             return self._instance
@@ -277,7 +277,7 @@ class FmuPart:
         return values
 
     def _scalars(self, name: str, value: Any, problems: list[str]) -> Iterator[tuple[str, _Value]]:
-        """A scalar as it is, a list as `name[1]`, ..., a list of rows as `name[1,1]`, ..."""
+        """Spell a scalar as it is, a list as `name[1]`, ..., a list of rows as `name[1,1]`, ..."""
         variables = self.description.variables
         if not isinstance(value, list):
             if name in variables:
@@ -372,7 +372,7 @@ def _length(variables: Mapping[str, Variable], name: str) -> int:
 
 
 def _trouble(variable: Variable, value: _Value) -> str:
-    """What is wrong with a start value; empty if nothing is."""
+    """Return what is wrong with a start value; empty if nothing is."""
     unit = f" {variable.unit}" if variable.unit else ""
     if not variable.settable:
         return f"'{variable.name}' cannot be set: its causality is {variable.causality}"

@@ -41,7 +41,7 @@ DIMENSIONLESS = Unit("1", (0,) * 8)
 
 
 def unit_of(name: str) -> Unit:
-    """A unit by its name, as the models write units.
+    """Return a unit by its name, as the models write units.
 
     Raises:
         SteadytipError: the name does not parse.

@@ -81,7 +81,7 @@ class Part(Protocol):
         """Free everything. Called once, also after a failure."""
 
     def metadata(self) -> dict[str, Any]:
-        """What the report and the results say about this part, JSON types only."""
+        """Return what the report and the results say about this part, JSON types only."""
 
 
 @runtime_checkable
@@ -108,7 +108,7 @@ class Restorable(Protocol):
         """
 
     def save(self) -> Any:
-        """A copy of the state; `free` gives it back.
+        """Return a copy of the state; `free` gives it back.
 
         Raises:
             FaultError: it cannot be had after all.

@@ -64,7 +64,7 @@ def element(kind: Kind, **attributes: str) -> Any:
 
 
 def text(root: Any) -> bytes:
-    """A document as a file holds it."""
+    """Serialise a document as a file holds it."""
     return bytes(etree.tostring(root, encoding="UTF-8", xml_declaration=True, pretty_print=True))
 
 
@@ -149,7 +149,7 @@ def enumerations_of(description: Description) -> set[str]:
 
 
 def convert(value: float, source: Unit, target: Unit) -> float | None:
-    """A value in another unit; None where the two do not measure the same.
+    """Convert a value to another unit; None where the two do not measure the same.
 
     >>> ms = Unit("ms", (0, 0, 1, 0, 0, 0, 0, 0), 1e-3)
     >>> convert(2.0, ms, Unit("s", (0, 0, 1, 0, 0, 0, 0, 0)))

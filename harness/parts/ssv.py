@@ -79,7 +79,7 @@ def find_values(root: Any, where: str) -> dict[str, SsvValue]:
 
 
 def write_ssv(name: str, values: Mapping[str, SsvValue]) -> bytes:
-    """A parameter set as a file holds it.
+    """Return a parameter set as a file holds it.
 
     A set has to define its units, and can define only those made of whole powers of base units:
     the others (`m/s2/Hz0.5`) are left out.

@@ -151,7 +151,7 @@ class Consistency:
 
 
 def consistency_of(result: RecordedSignals) -> list[Consistency]:
-    """What a run tells about its estimators; nothing of those that do not say how sure they are."""
+    """Compare the errors of a run's estimators with those they state; leave silent ones out."""
     metadata = result.metadata
     columns = set(result.columns)
     counted = result.time >= metadata["settle"] - 1e-9
@@ -246,7 +246,7 @@ def _independent(ratio: FloatArray) -> float:
 
 
 def _lasting(x: FloatArray) -> float:
-    """Samples that count as one: sum of the squared correlation over all lags."""
+    """Return the samples that count as one: sum of the squared correlation over all lags."""
     n = len(x)
     correlation = signal.correlate(x, x, method="fft")[n - 1 :] / n
     small = np.flatnonzero(correlation < _UNCORRELATED)

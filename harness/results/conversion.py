@@ -81,7 +81,7 @@ def convert(run: str | os.PathLike[str], out: Path | None = None) -> list[Path]:
 
 @contextmanager
 def _file(target: Path, begun: float) -> Iterator[Any]:
-    """An MDF file that is written when everything is in it.
+    """Yield an MDF file that is written when everything is in it.
 
     Args:
         target: its name.

@@ -148,7 +148,7 @@ class Recorder:
         self._filled = 0
 
     def _batch(self, n: int) -> pa.RecordBatch:
-        """The first ticks of those that are held back."""
+        """Return the first n ticks of those that are held back."""
         times = np.arange(self.ticks, self.ticks + n) * self._step
         values = np.ascontiguousarray(self._chunk[:n].T)
         # Buffers as they are: a conversion of each column takes ten times as long.
@@ -214,7 +214,7 @@ class Recorder:
         return target
 
     def _widened(self, extra_columns: pa.Table | None) -> Iterator[pa.Table]:
-        """The stream's chunks in larger ones, with more columns."""
+        """Yield the stream's chunks in larger ones, with more columns."""
         done = 0
         for batches in _grouped(read_batches(self.stream), _GROUP):
             table = pa.Table.from_batches(batches)

@@ -59,7 +59,7 @@ def load(
 
 
 def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
-    """A scenario with some of its values replaced, as `load` replaces them.
+    """Replace some values of a scenario, as `load` replaces them.
 
     Args:
         scenario: to be changed.
@@ -172,7 +172,7 @@ def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tup
 
 
 def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
-    """The table with the paths in its parts made independent of where it stands."""
+    """Return the table with the paths in its parts made independent of where it stands."""
     parts = table.get("part", {})
     if not isinstance(parts, dict) or not all(isinstance(part, dict) for part in parts.values()):
         raise SteadytipError(f"{where}: 'part' holds tables, as in [part.hand]")

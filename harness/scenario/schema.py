@@ -110,7 +110,7 @@ class SignalRoles(StrictModel):
 
 
 def _at_most(value: Any) -> Any:
-    """A number alone is the largest value."""
+    """Take a number alone for the largest value."""
     return {"max": value} if not isinstance(value, dict) else value
 
 

@@ -96,7 +96,7 @@ class Variable(BaseModel):
         return "min" if self.min is not None else ""
 
     def trouble(self, grid: bool) -> Iterator[str]:
-        """What is wrong with it."""
+        """Yield what is wrong with it."""
         given = {name for name in self.model_fields_set if getattr(self, name) is not None}
         extra = self.model_extra or {}
         allowed = {
@@ -178,7 +178,7 @@ class Variable(BaseModel):
         return min(max(value, low), high)
 
     def whole(self, value: Any) -> Any:
-        """What a part is given for a value."""
+        """Return what a part is given for a value."""
         return value if self.times is None else [value * each for each in self.times]
 
     def at(self, u: float) -> Any:
@@ -220,7 +220,7 @@ class Variable(BaseModel):
 
 
 def _as_list(value: Any) -> Any:
-    """A single value is a list of one."""
+    """Wrap a single value into a list."""
     return value if isinstance(value, list) else [value]
 
 
@@ -317,7 +317,7 @@ class Sweep(StrictModel):
 
 
 def variables_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
-    """What is said of each variable by its dotted key; keys may be written as nested tables.
+    """Return what is said of each variable by its dotted key; keys may be written as nested tables.
 
     >>> variables_of({"part": {"hand": {"rms": [1, 2]}}, "part.a.b": {"min": 0, "max": 1}})
     {'part.hand.rms': [1, 2], 'part.a.b': {'min': 0, 'max': 1}}

@@ -52,7 +52,7 @@ def find_bindings(item: Any, place: Place, path: tuple[str, ...]) -> Iterator[tu
 
 
 def transformation(item: Any) -> Transformation | None:
-    """What a connection or a mapping's entry does to a value; None if it changes nothing."""
+    """Return what a connection or a mapping's entry does to a value; None if it changes nothing."""
     linear = item.find(tag("ssc", _LINEAR))
     if linear is not None:
         shape = float(linear.get("factor", "1")), float(linear.get("offset", "0"))

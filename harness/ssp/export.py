@@ -170,7 +170,7 @@ def _structure(
 
 
 def _timing(step: float, parts: Sequence[FmuPart], connections: Sequence[Connection]) -> str:
-    """What SSP has no element for, in words."""
+    """Return in words what SSP has no element for."""
     order = [part.name for part in parts]
     periods = {part.name: part.description.step or step for part in parts}
     late = lag(order, connections, periods)

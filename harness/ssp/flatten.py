@@ -174,7 +174,7 @@ class _Reader:
         self._values(system, place, path)
 
     def links(self) -> Iterator[Link]:
-        """Connections between components, with those through systems' connectors put together."""
+        """Yield connections between components; those through systems' connectors become one."""
         for target in list(self._drivers):
             if target[0] not in self.components:
                 continue
@@ -245,7 +245,7 @@ class _Reader:
         self._values(item, place, path)
 
     def _reference(self, item: Any, place: Place, path: tuple[str, ...]) -> None:
-        """A component that is another system: of this file, of another, or of another archive."""
+        """Read a component that is another system, of this file, another, or another archive."""
         source = item.get("source")
         base, _, fragment = source.partition("#")
         key = f"{place.home.name}:{base or place.ssd}#{fragment}"

@@ -157,7 +157,7 @@ def _unit(ports: Sequence[Port], name: str) -> Unit | None:
 def _values(
     component: Component, description: Description, problems: list[str]
 ) -> dict[str, SsvValue]:
-    """A component's values in the units and types of its FMU."""
+    """Return a component's values in the units and types of its FMU."""
     units = markup.units_of(description)
     values: dict[str, SsvValue] = {}
     for name, entry in component.values.items():
@@ -183,7 +183,7 @@ def _values(
 
 
 def _converted(value: float, entry: SsvValue, own: Unit | None, own_name: str) -> float | None:
-    """A value in the unit of the FMU's variable; None where it does not convert."""
+    """Convert a value to the unit of the FMU's variable; None where it does not convert."""
     if not entry.unit or not own_name or entry.unit == own_name:
         return value
     if entry.definition is None or own is None:
@@ -199,7 +199,7 @@ def _table(
     step: float | None,
     notes: list[str],
 ) -> dict[str, Any]:
-    """The scenario as TOML has it."""
+    """Return the scenario as TOML has it."""
     outputs = {names[path]: description.outputs for path, description in descriptions.items()}
     connections = [
         Connection(names[k.source[0]], k.source[1], names[k.target[0]], k.target[1])

@@ -14,7 +14,7 @@ _OTHER = re.compile(r"[^A-Za-z0-9_-]+")
 
 
 def portable(name: str) -> str:
-    """A short name with everything but ASCII letters, digits, `-` and `_` replaced.
+    """Shorten a name, and replace everything but ASCII letters, digits, `-` and `_`.
 
     >>> portable("My FMU (new)")
     'My_FMU_new_'
@@ -23,7 +23,7 @@ def portable(name: str) -> str:
 
 
 def file_names(wanted: Mapping[_Key, str], suffix: str) -> dict[_Key, str]:
-    """A file name for each key, near to the wanted one; no two alike, whatever their case.
+    """Return a file name for each key, near to the wanted one; no two alike, whatever their case.
 
     >>> file_names({1: "Hand", 2: "hand"}, ".fmu")
     {1: 'Hand.fmu', 2: 'hand_2.fmu'}

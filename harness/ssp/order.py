@@ -80,7 +80,7 @@ def run_order(
 
 
 def delays(order: Sequence[str], connections: Iterable[Connection]) -> dict[Connection, int]:
-    """Samples by which each connection is delayed when parts run in this order."""
+    """Return the samples by which each connection is delayed when parts run in this order."""
     place = {name: index for index, name in enumerate(order)}
     return {c: int(place[c.source_part] >= place[c.target_part]) for c in connections}
 
@@ -118,7 +118,7 @@ def lag(
 
 
 def _loops(rank: Mapping[str, int], connections: Iterable[Connection]) -> dict[str, int]:
-    """Number of the loop that each part is in; equal for parts that reach each other."""
+    """Return the number of the loop that each part is in; equal for parts that reach each other."""
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 

@@ -41,7 +41,7 @@ class Place:
         return markup.read(file.read_bytes(), "ssd", f"{self.where}: {self.ssd}")
 
     def file(self, source: str, path: tuple[str, ...]) -> Path:
-        """A file of the archive.
+        """Return a file of the archive.
 
         Args:
             source: URI that names it, relative to the document.
@@ -66,5 +66,5 @@ class Place:
 
 
 def named(error: SteadytipError, file: Path, where: str) -> SteadytipError:
-    """An error that speaks of a file by its name in the archive, not in the workspace."""
+    """Return an error that speaks of a file by its name in the archive, not in the workspace."""
     return SteadytipError(str(error).replace(str(file), where))

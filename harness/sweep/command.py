@@ -39,7 +39,7 @@ def _plain(table: Any) -> dict[str, Any]:
 
 
 def command_of(scenario: Scenario, case: Case) -> str:
-    """The command, for a shell."""
+    """Return the command for a shell."""
     words = ["steadytip", "run", scenario.given]
     if scenario.variant is not None:
         words += ["--variant", scenario.variant]
@@ -53,7 +53,7 @@ def command_of(scenario: Scenario, case: Case) -> str:
 
 
 def toml(value: Any) -> str:
-    """A value as TOML writes it, on one line.
+    """Write a value as TOML does, on one line.
 
     >>> toml([{"at": 5.0, "set": {"part.x": 1e-05}}])
     '[{at = 5.0, set = {"part.x" = 1e-05}}]'

@@ -247,7 +247,7 @@ def _run(
 
 
 def _case_line(prepared: Prepared, case: Case) -> dict[str, Any]:
-    """What a run is, as the journal keeps it."""
+    """Return what identifies a run, as the journal keeps it."""
     numbers = {key: about["numeric"] for key, about in prepared.metadata["variables"].items()}
     drawn = {axis: value_on(axis, case) for axis in prepared.plan.axes}
     drawn = {k: float(v) if numbers[k] else _text(v) for k, v in drawn.items()}

@@ -41,7 +41,7 @@ class Executor(Protocol):
         """Have one of them run a case."""
 
     def take(self, seconds: float) -> Sequence[Row]:
-        """What has been finished, or lost; waits that long at most for the first [s]."""
+        """Return what has been finished, or lost; wait that long at most for the first [s]."""
 
     def close(self) -> None:
         """Send them home, whatever they are doing."""
@@ -59,7 +59,7 @@ class TooLong:
         return self.seconds is not None and time.monotonic() - since > self.seconds
 
     def row(self, number: int) -> Row:
-        """What becomes of it."""
+        """Return the row of a run that was lost."""
         return Row(number, "lost", f"took longer than the 'timeout' of {self.seconds:g} s")
 
 
@@ -79,7 +79,7 @@ class ProcessExecutor:
     """Processes of this machine; see `Executor`."""
 
     def __init__(self, base: Base, workers: int, timeout: float | None = None) -> None:
-        """Processes start when they get their first case.
+        """Prepare; processes start when they get their first case.
 
         Args:
             base: what all cases have in common.

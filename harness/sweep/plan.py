@@ -178,7 +178,7 @@ class Plan:
 
 
 def _digits(number: int, lists: Sequence[Sequence[Any]]) -> list[Any]:
-    """An element of the product of lists, the last one changing fastest."""
+    """Return an element of the product of lists, the last one changing fastest."""
     chosen: list[Any] = []
     for each in reversed(lists):
         number, index = divmod(number, len(each))
@@ -192,7 +192,7 @@ def _turns(number: int, lists: Sequence[Sequence[Any]]) -> list[Any]:
 
 
 def groups_of(plan: Plan, numbers: Sequence[int]) -> list[Group]:
-    """Runs by their beginnings, those of one recording together."""
+    """Group runs by their shared prefix, those of one recording together."""
     changing = plan.faults or any(v.since is not None for v in plan.variables.values())
     if not changing and len(plan.motions) < 2:
         return [Group(deque(numbers), None)]
@@ -225,7 +225,7 @@ class Queue:
         self.left = sum(len(group.numbers) for group in groups)
 
     def next(self, worker: str) -> tuple[int, str | None] | None:
-        """A run for a worker, and the key of its beginning; None if there are none left."""
+        """Return a run for a worker, and the key of its shared prefix; None if none is left."""
         group = self._begun.get(worker)
         if group is None or not group.numbers:
             group = self._fresh.pop() if self._fresh else None
@@ -240,7 +240,7 @@ class Queue:
         return group.numbers.popleft(), group.key
 
     def _share(self) -> Group | None:
-        """The later half of the longest group that somebody is at."""
+        """Split the longest group that somebody is at, and return its later half."""
         longest = max(self._begun.values(), key=lambda group: len(group.numbers), default=None)
         if longest is None or not longest.numbers:
             return None
@@ -250,7 +250,7 @@ class Queue:
 
 
 def value_on(axis: str, case: Case) -> Any:
-    """What a run has on an axis: a value, the name of a recording, a fault in words."""
+    """Return what a run has on an axis: a value, the name of a recording, a fault in words."""
     if axis == "motion":
         return Path(case.motion).name if case.motion else ""
     if axis == "fault":
@@ -259,7 +259,7 @@ def value_on(axis: str, case: Case) -> Any:
 
 
 def words(fault: Fault | None) -> str:
-    """A fault for people."""
+    """Describe a fault for people."""
     if fault is None:
         return "none"
     measure = "" if fault.value is None else f" {fault.value:g}"

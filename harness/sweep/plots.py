@@ -136,7 +136,7 @@ def influences(found: Sequence[Influence]) -> go.Figure:
 
 
 def against(found: SweepResult, figure: str, axes: Sequence[str]) -> go.Figure:
-    """A figure against variables: each run a point, and the mean of each level or class."""
+    """Plot a figure against variables: each run a point, and the mean of each level or class."""
     whole, height = _grid(len(axes))
     y, title = _scaled(found, figure)
     good = np.isfinite(y)

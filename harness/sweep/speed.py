@@ -19,7 +19,7 @@ SCENARIO = "closed_loop_sweep"
 
 
 def throughput(workers: int, runs: int, seconds: float, fuse: bool = True) -> tuple[float, float]:
-    """Runs in a second, and processor time of a run in the median [s].
+    """Return runs in a second, and processor time of a run in the median [s].
 
     Args:
         workers: processes.

@@ -178,7 +178,7 @@ def _lines(path: Path) -> Iterator[tuple[dict[str, Any], int]]:
 
 
 def contents(path: Path) -> tuple[dict[str, Any], dict[str, dict[str, str]], dict[int, int]]:
-    """What a journal holds: facts, figures with unit and definition, where each run's line is."""
+    """Read a journal: metadata, figures with unit and definition, where each run's line is."""
     metadata: dict[str, Any] = {}
     figures: dict[str, dict[str, str]] = {}
     places: dict[int, int] = {}

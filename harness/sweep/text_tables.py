@@ -18,7 +18,7 @@ Rows = tuple[tuple[str, ...], list[tuple[str, ...]]]
 
 
 def said(value: float, unit: str) -> str:
-    """A value and its unit; a dash where there is none."""
+    """Format a value with its unit; a dash where there is none."""
     return " ".join(format_quantity(value, unit)).strip() if math.isfinite(value) else "–"
 
 
@@ -44,7 +44,7 @@ def summary_rows(found: SweepResult) -> Rows:
 
 
 def influence_rows(found: SweepResult, figure: str) -> Rows:
-    """What a figure depends on: column names and rows, the strongest first."""
+    """Return what a figure depends on: column names and rows, the strongest first."""
     columns = ("variable", "rank correlation", "95 %", "share of variance", "95 %")
     rows: list[tuple[str, ...]] = []
     for each in found.influences(figure):

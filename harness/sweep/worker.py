@@ -85,7 +85,7 @@ class Row:
 
 
 def with_places(scenario: Scenario, faults: tuple[Fault, ...]) -> Scenario:
-    """A scenario with the parts of faults in its wires, which do nothing yet."""
+    """Put the parts of faults into a scenario's wires, where they do nothing yet."""
     neutral = {fault.part: Fault(wire=fault.wire, kind="gain", value=1.0) for fault in faults}
     return replace(scenario, faults=(*neutral.values(), *scenario.faults), sweep=None)
 
@@ -241,7 +241,7 @@ class _Rig:
 
 
 def _needed(system: System, container: FmuPart) -> set[str]:
-    """Outputs of a container that figures of merit or parts beside it need.
+    """Return outputs of a container that figures of merit or parts beside it need.
 
     It is an FMU of our own, which itself refuses to give anything that is not finite: nothing
     goes unnoticed in the others.

@@ -149,7 +149,7 @@ def assemble(
 
 
 def _with_fault_parts(scenario: Scenario) -> Scenario:
-    """A scenario with the parts that go into its wires."""
+    """Add the parts that faults put into wires."""
     settings: dict[str, dict[str, Any]] = {}
     for fault in scenario.faults:
         table = settings.setdefault(fault.part, {"fmu": MODEL})
@@ -200,7 +200,7 @@ def reference(table: PartTable, key: str) -> str:
 
 
 def with_files(table: PartTable, files: Mapping[str, Path]) -> PartTable:
-    """A table with other files in the place of those that it names."""
+    """Put other files in the place of those that a table names."""
     found = {
         key: str(files[reference(table, key)])
         for key in (table.kind, "parameters")

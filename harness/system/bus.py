@@ -65,7 +65,7 @@ def route_over_bus(
 def _by_name(
     parts: Mapping[str, Part], buses: Sequence[str], connected: Sequence[str]
 ) -> Iterator[Wire]:
-    """What a board can send and no wire brings, from the one part that has it."""
+    """Yield wires for what a board can send and no wire brings, from the one part that has it."""
     for bus in buses:
         for name, companion in parts[bus].siblings.items():  # type: ignore[attr-defined]
             if not getattr(companion, "takes_by_name", False):

@@ -36,7 +36,7 @@ def build(
     targets: Collection[str] | None = None,
     progress: Callable[[str], None] = lambda name: None,
 ) -> Path:
-    """A container of some parts with the start values of the scenario, as a file to use elsewhere.
+    """Build a container of some parts with the scenario's start values, as a file to use elsewhere.
 
     Args:
         system: parts and their wiring.
@@ -89,7 +89,7 @@ def fuse(
     progress: Callable[[str], None] = lambda name: None,
     container: Path | None = None,
 ) -> System:
-    """The same system with all that can be fused in one part.
+    """Return the same system with all that can be fused in one part.
 
     Args:
         system: parts and their wiring.
@@ -153,7 +153,7 @@ def fuse(
 
 
 def _inside(name: str, members: Collection[str], part: str, port: str) -> str:
-    """A port of a part as it is called once some are in a container."""
+    """Return a port's name once some parts are in a container."""
     return f"{name}.{part}_{port}" if part in members else f"{part}.{port}"
 
 
@@ -177,7 +177,7 @@ def _reason(scenario: Scenario, name: str) -> str:
 
 
 def _check_between(system: System, members: Collection[str]) -> None:
-    """A container runs at once: nothing outside may wait for it and be waited for by it."""
+    """Refuse a container that others would have to interrupt: it runs at once."""
     after: set[str] = set()
     for name in system.wiring.order:
         into = [link for link in system.wiring.links if link.target_part == name and not link.delay]

@@ -38,7 +38,7 @@ def events_of(
     step: float,
     problems: list[str],
 ) -> tuple[Event, ...]:
-    """Changes as events, in their order in time.
+    """Turn changes into events, in their order in time.
 
     Args:
         changes: in any order.

@@ -83,7 +83,7 @@ def expand(wire: Wire, parts: Mapping[str, Part], problems: list[str]) -> Iterat
 
 
 def star_of(pattern: str, name: str) -> str | None:
-    """What the `*` of a pattern stands for in a name; None if it does not fit."""
+    """Return what the `*` of a pattern stands for in a name; None if it does not fit."""
     head, _, tail = pattern.partition("*")
     fits = name.startswith(head) and name.endswith(tail) and len(name) >= len(head) + len(tail)
     return name[len(head) : len(name) - len(tail)] if fits else None

@@ -141,7 +141,7 @@ def correct(
 
 
 def _half(A: Any, P: Any) -> ca.SX:
-    """A P A^T on and below the diagonal, P symmetric."""
+    """Return A P A^T on and below the diagonal, P symmetric."""
     left = A @ P
     rows = range(A.shape[0])
     return ca.vertcat(
@@ -150,7 +150,7 @@ def _half(A: Any, P: Any) -> ca.SX:
 
 
 def _mirrored(half: Any) -> ca.SX:
-    """The symmetric matrix whose lower half is given."""
+    """Return the symmetric matrix whose lower half is given."""
     return ca.densify(ca.tril(half) + ca.tril(half, False).T)
 
 

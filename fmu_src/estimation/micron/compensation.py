@@ -62,7 +62,7 @@ def _axis(channel: int) -> int:
 
 
 def neighbours(channel: int) -> tuple[int, tuple[int, int]]:
-    """The other channel of the same chip, and both channels of the axis out of its plane."""
+    """Return the other channel of the same chip, and both channels of the axis out of its plane."""
     site, axis = kinematics.PLACES[channel]
     (other,) = (i for i, (at, _) in enumerate(kinematics.PLACES) if at == site and i != channel)
     out = 3 - axis - _axis(other)
@@ -187,7 +187,7 @@ class Alignment(Derived):
 
 
 def sensing_axis(axis: int, components: Any) -> ca.SX:
-    """Unit vector along which a channel senses, in B, (3,) (A04 3.15).
+    """Return the unit vector along which a channel senses, in B, (3,) (A04 3.15).
 
     Args:
         axis: nominal axis of the channel, 0 to 2.
@@ -237,7 +237,7 @@ def linear(sensor: Any, volts: Any, change: Any) -> ca.SX:
 
 
 def uncross(p: Any, s: Any) -> ca.SX:
-    """a: specific forces along the sensing axes, (6,), from the linear model's (A04 3.11, 3.13)."""
+    """Return specific forces along the sensing axes, (6,), from the linear ones (A04 3.11, 3.13)."""
     found = []
     for i in range(len(kinematics.PLACES)):
         other, (first, second) = neighbours(i)

@@ -286,7 +286,7 @@ def follow_field(
     x: Any,
     T: float,
 ) -> Field:
-    """What is known of the field, one sample later.
+    """Return the state of knowledge about the field one sample later.
 
     Args:
         strength: [T].

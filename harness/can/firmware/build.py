@@ -30,7 +30,7 @@ _NEEDED = ("PiezoCommand", "PiezoFeedback", "BoardStatus", "BoardHeartbeat", "Lo
 
 
 def build_board(dbc: str = "instrument", flags: Sequence[str] = ()) -> Path:
-    """The board's program for a bus, compiled when it is not there yet.
+    """Return the board's program for a bus, and compile it when it is not there yet.
 
     It stands in `build/c/board/`, with the generated code beside it, in a folder that is named
     after the content.
@@ -91,7 +91,7 @@ def sources(dbc: str) -> dict[str, str]:
 
 
 def _checked(dbc: str) -> Database:
-    """The messages of a bus on which a board can be a node."""
+    """Return the messages of a bus on which a board can be a node."""
     database = load(dbc)
     names = {message.name for message in database.messages}
     missing = [f"message '{name}' is missing" for name in _NEEDED if name not in names]

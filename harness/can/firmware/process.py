@@ -186,7 +186,7 @@ class FirmwareBoard:
             raise SteadytipError(f"the board ended with status {code}: {said or 'no word'}")
 
     def _collected(self) -> str:
-        """What the ended process wrote to standard error; its summary is kept."""
+        """Return what the ended process wrote to standard error, and keep its summary."""
         assert self._process is not None
         if self._process.stdout is None or not self._process.stdout.closed:
             self._summary, self._said = self._process.communicate()

@@ -125,8 +125,8 @@ class SamplesPart:
         node.transmit(dict(zip(self._driven, self._u.tolist(), strict=True)))
 
     def close(self) -> None:
-        """The board leaves the bus for both."""
+        """Leave the bus, for both parts."""
 
     def metadata(self) -> dict[str, Any]:
-        """The part that it belongs to."""
+        """Return the part that it belongs to."""
         return {"kind": "board", "file": self._board.database.path.name, "of": self._board.name}

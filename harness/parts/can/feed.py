@@ -231,10 +231,10 @@ class CommandPart:
         self._y[:] = (*node.drive.volts, node.mode, node.latency)
 
     def close(self) -> None:
-        """The feed leaves the bus for both."""
+        """Leave the bus, for both parts."""
 
     def metadata(self) -> dict[str, Any]:
-        """The part that it belongs to."""
+        """Return the part that it belongs to."""
         return {"kind": "can", "file": self._feed.database.path.name, "of": self._feed.name}
 
 

@@ -46,7 +46,7 @@ class Keys(BaseModel):
 
 
 def port_of(signal: Signal) -> Port:
-    """A signal as a port."""
+    """Return a signal as a port."""
     if signal.length == 1:
         return Port(signal.name, "Boolean", description=signal.description)
     if signal.is_whole:
