@@ -19,6 +19,7 @@ import numpy as np
 from fmu_src.pack.codegen import c_source as csource
 from fmu_src.pack.fmu import native
 from harness.bench.samples import Case
+from harness.common.c_struct import MirroredStruct, check_layout
 from harness.common.errors import SteadytipError
 from harness.common.types import FloatArray
 from harness.loop.native import ACCESS, accesses
@@ -30,7 +31,7 @@ _SOURCE = Path(__file__).with_name("stepper.c")
 _CACHE = Path("build", "c")
 
 
-class _Fmu(ctypes.Structure):
+class _Fmu(MirroredStruct):
     _fields_ = (
         ("component", ctypes.c_void_p),
         ("do_step", ctypes.c_void_p),
@@ -46,7 +47,7 @@ class _Fmu(ctypes.Structure):
 
 @cache
 def _samples() -> Any:
-    """The function of `stepper.c`."""
+    """Return the function of `stepper.c`."""
     texts = {
         csource.ENTRY: _SOURCE.read_text(encoding="utf-8"),
         ACCESS.name: ACCESS.read_text(encoding="utf-8"),
@@ -56,7 +57,9 @@ def _samples() -> Any:
     digest = hashlib.sha256(named.encode()).hexdigest()[:32]
     path = (_CACHE / "runs" / f"{digest}{part.suffix}").resolve()
     native.kept(path, lambda: native.compile_library("stepper", texts, part, _CACHE))
-    function = ctypes.CDLL(str(path)).samples
+    library = ctypes.CDLL(str(path))
+    check_layout(library, {"fmu": _Fmu})
+    function = library.samples
     function.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
     return function
 

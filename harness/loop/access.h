@@ -1,4 +1,4 @@
-/* One call of a tick that passes values of one type: fmi2SetReal and its kin; `march.py` mirrors it. */
+/* One call of a tick that passes values of one type: fmi2SetReal and its kin; `native.py` mirrors it. */
 #include <stddef.h>
 
 struct access {

@@ -22,13 +22,13 @@ from functools import partial
 from typing import Protocol, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from harness.common.errors import FaultError, PartError, RunError, StoppedError
 from harness.common.types import FloatArray
-from harness.loop.native import NativeLoop, NativeStatus, plan
+from harness.loop.native import NativeLoop, NativeStatus, native_steps
 from harness.parts.protocols import Killable, Part, RunContext
 from harness.system.assembly import System
+from harness.system.tick_plan import TickBuffers, plan_ticks
 
 __all__ = ["Checkpoint", "Loop", "LoopOutcome", "Progress", "RealTimeClock", "SignalSink"]
 
@@ -172,36 +172,12 @@ class Loop:
         self._pace = pace
         self._observe = observe
         self._recorder = recorder
-        self._order = [system.parts[name] for name in system.wiring.order]
-        self._limits = [system.step_limits[part.name] for part in self._order]
+        self._plan = plan_ticks(system)
+        self._buffers = TickBuffers(self._plan)
+        self._order = [step.part for step in self._plan.steps]
+        self._limits = [step.limit for step in self._plan.steps]
         self._limit_name = "step_limit"
-        offsets: dict[str, int] = {}
-        columns: dict[tuple[str, str], int] = {}
-        for name, part in system.parts.items():
-            offsets[name] = len(columns)
-            for port in part.outputs:
-                columns[name, port.name] = len(columns)
-        self._width = len(columns)
-        links = {(link.target_part, link.target): link for link in system.wiring.links}
-        depth = 1 + max((link.delay for link in links.values()), default=0)
-        self._history = np.zeros(depth * self._width)
-        self._slices = [
-            self._history[offsets[part.name] : offsets[part.name] + len(part.outputs)]
-            for part in self._order
-        ]
-        self._driven: list[list[str]] = []
-        self._preset: list[list[bool]] = []
-        self._sources: list[NDArray[np.intp]] = []
-        for part in self._order:
-            into = [link for p in part.inputs if (link := links.get((part.name, p.name)))]
-            self._driven.append([link.target for link in into])
-            self._preset.append([link.delay == 0 for link in into])
-            index = [
-                link.delay * self._width + columns[link.source_part, link.source] for link in into
-            ]
-            self._sources.append(np.array(index, dtype=np.intp))
-        self._inputs = [np.zeros(len(connected)) for connected in self._driven]
-        self._march: NativeLoop | None = None
+        self._native: NativeLoop | None = None
         self._ticks = self._run.first
         self._wall = 0.0
         self._stop = False
@@ -222,7 +198,7 @@ class Loop:
         while not self._done.is_set():
             try:
                 self._done.wait(_POLL)
-                done = self._march.tick if self._march is not None else self._ticks
+                done = self._native.tick if self._native is not None else self._ticks
                 progress(done * self._run.step, self._run.steps * self._run.step)
                 hung = self._hung()
                 if hung is not None:
@@ -244,14 +220,14 @@ class Loop:
 
     def _halt(self) -> None:
         self._stop = True
-        if self._march is not None:
-            self._march.stop()
+        if self._native is not None:
+            self._native.stop()
 
     def _called(self) -> tuple[int, str, float, float] | None:
         """See `_now`; for the watching thread."""
-        if self._march is None:
+        if self._native is None:
             return self._now
-        called = self._march.called()
+        called = self._native.called()
         if called is None:
             return None
         index, tick, since = called
@@ -275,9 +251,9 @@ class Loop:
         self._halt()  # if it comes back after all
         self._error = PartError(part.name, t, f"{text}It is left hanging; the run ends here.")
         if not (isinstance(part, Killable) and part.kill()):
-            if self._march is not None:
+            if self._native is not None:
                 with contextlib.suppress(RunError):  # the part's failure came first
-                    self._take(self._march)
+                    self._take(self._native)
             return part
         # The call comes back now, and with it the loop's own thread: nothing is left behind.
         self._error = PartError(part.name, t, f"{text}Its process was ended, and so is the run.")
@@ -288,10 +264,10 @@ class Loop:
             # Overflow in the finiteness test of _tick is what it looks for, no reason to warn.
             with np.errstate(all="ignore"):
                 self._start()
-                self._march = self._laid_out()
+                self._native = self._laid_out()
                 begun = time.perf_counter()
                 try:
-                    self._paced(self._tick if self._march is None else self._marched)
+                    self._paced(self._tick if self._native is None else self._run_native)
                 finally:
                     self._wall = time.perf_counter() - begun
         except BaseException as error:  # handed to the watching thread, which raises it
@@ -325,79 +301,67 @@ class Loop:
             raise PartError(name, t, f"{who} ended the run at t = {t:.6g} s: {error}") from None
 
     def _start(self) -> None:
-        for index, part in enumerate(self._order):
+        history, width = self._buffers.history, self._plan.width
+        for index, step in enumerate(self._plan.steps):
+            part, u, y = step.part, self._buffers.inputs[index], self._buffers.outputs[index]
             self._now = (index, "its initialisation", 0.0, time.perf_counter())
-            self._history.take(self._sources[index], out=self._inputs[index], mode="clip")
-            y = self._slices[index]
+            history.take(step.sources, out=u, mode="clip")
             try:
-                part.start(
-                    self._run, self._driven[index], self._preset[index], self._inputs[index], y
-                )
+                part.start(self._run, step.connected, step.initialised, u, y)
             except FaultError as error:
                 raise PartError(
                     part.name, 0.0, f"part '{part.name}' does not start: {error}"
                 ) from None
             self._check_finite(index, 0.0)
             self._check_time(index, 0.0)
-        width = self._width
-        for at in range(width, len(self._history), width):
-            self._history[at : at + width] = self._history[:width]
+        for at in range(width, len(history), width):
+            history[at : at + width] = history[:width]
         if self._since is not None:
-            self._history[:] = self._since.history
+            history[:] = self._since.history
 
-    def moment(self) -> Checkpoint:
-        """Where the run stands, now that `go` has come back."""
-        return Checkpoint(self._ticks, self._history.copy())
+    def checkpoint(self) -> Checkpoint:
+        """Return where the run stands, now that `go` has come back."""
+        return Checkpoint(self._ticks, self._buffers.history.copy())
 
     def _laid_out(self) -> NativeLoop | None:
         """Return the run as native calls; None where it has to go tick by tick."""
         self._now = None
         if self._pace is not None or self._observe is not None:
             return None
-        calls = plan(self._order)
+        calls = native_steps(self._plan)
         if calls is None:
             return None
-        return NativeLoop(
-            calls,
-            self._sources,
-            self._inputs,
-            self._slices,
-            self._limits,
-            self._history,
-            self._width,
-            self._run.step,
-            self._run.first,
-            self._last,
-        )
+        run = self._run
+        return NativeLoop(self._plan, self._buffers, calls, run.step, run.first, self._last)
 
-    def _marched(self) -> None:
-        march = self._march
-        assert march is not None
+    def _run_native(self) -> None:
+        native = self._native
+        assert native is not None
         how = NativeStatus.FULL
         while how is NativeStatus.FULL:
             if self._stop:
-                march.stop()
-            how = march.go(self._recorder.buffer())
+                native.stop()
+            how = native.go(self._recorder.buffer())
             if self._error is not None:
                 return  # given up: another thread has taken what there was
-            self._take(march)
-        t = march.tick * self._run.step
+            self._take(native)
+        t = native.tick * self._run.step
         if how is NativeStatus.FAILED:
             try:
-                march.blame()
+                native.blame()
             except FaultError as error:
-                raise self._failed(march.part, t, error) from None
+                raise self._failed(native.part, t, error) from None
         elif how is NativeStatus.NOT_FINITE:
-            self._check_finite(march.part, t)
+            self._check_finite(native.part, t)
         elif how is NativeStatus.LATE:
-            raise self._late(march.part, "its step", t, march.took)
+            raise self._late(native.part, "its step", t, native.took)
         elif self._stop:
             raise StoppedError(f"stopped by the user at t = {t:.6g} s")
 
-    def _take(self, march: NativeLoop) -> None:
+    def _take(self, native: NativeLoop) -> None:
         """Record what has been run since the last time."""
-        rows = march.tick - self._ticks
-        self._ticks = march.tick
+        rows = native.tick - self._ticks
+        self._ticks = native.tick
         if rows:
             self._recorder.commit(rows)
 
@@ -406,18 +370,17 @@ class Loop:
         return PartError(name, t, f"part '{name}' ended the run at t = {t:.6g} s: {error}")
 
     def _tick(self) -> None:
-        history, width = self._history, self._width
+        history, width = self._buffers.history, self._plan.width
         signals, older, newer = history[:width], history[width:], history[:-width]
         delayed = len(older) > 0
         take, record, clock = history.take, self._recorder.append, time.perf_counter
         order = [
-            (i, s if len(s) else None, u, part.advance, y, y.dot, limit)
-            for i, (part, s, u, y, limit) in enumerate(
+            (i, step.sources if len(u) else None, u, step.part.advance, y, y.dot, limit)
+            for i, (step, u, y, limit) in enumerate(
                 zip(
-                    self._order,
-                    self._sources,
-                    self._inputs,
-                    self._slices,
+                    self._plan.steps,
+                    self._buffers.inputs,
+                    self._buffers.outputs,
                     self._limits,
                     strict=True,
                 )
@@ -465,7 +428,7 @@ class Loop:
 
     def _check_finite(self, index: int, t: float) -> None:
         part = self._order[index]
-        for port, value in zip(part.outputs, self._slices[index], strict=True):
+        for port, value in zip(part.outputs, self._buffers.outputs[index], strict=True):
             if not math.isfinite(value):
                 raise PartError(
                     part.name,

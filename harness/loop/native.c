@@ -1,4 +1,4 @@
-/* Many ticks of the loop in one call; `march.py` lays out the plan, and mirrors these structures.
+/* Many ticks of the loop in one call; `native.py` lays out the plan, and mirrors these structures.
  *
  * Needs no C library, so that it compiles in a moment wherever the compiler is.
  */
@@ -36,7 +36,7 @@ struct part {
     int64_t rows;
 };
 
-struct march {
+struct loop {
     size_t count;
     struct part *parts;
     double *history; /* outputs of all parts: of this tick, of the one before, ... */
@@ -54,7 +54,13 @@ struct march {
     double took;                /* a step that was late [s] */
 };
 
-static double now(const struct march *m) {
+/* Size and offset of the last field, which `native.py` compares with its own. */
+#define LAYOUT(name, last) {sizeof(struct name), offsetof(struct name, last)}
+EXPORT const size_t access_layout[2] = LAYOUT(access, integers);
+EXPORT const size_t part_layout[2] = LAYOUT(part, rows);
+EXPORT const size_t loop_layout[2] = LAYOUT(loop, took);
+
+static double now(const struct loop *m) {
     int64_t time[2];
 #ifdef _WIN32
     ((int (*)(int64_t *))m->clock)(time);
@@ -65,13 +71,13 @@ static double now(const struct march *m) {
 #endif
 }
 
-static int fails(struct march *m, int64_t call, int status) {
+static int fails(struct loop *m, int64_t call, int status) {
     m->call = call;
     m->status = status;
     return status > WARNING;
 }
 
-static int advance(struct march *m, const struct part *p, double t) {
+static int advance(struct loop *m, const struct part *p, double t) {
     int64_t call = 0;
     for (const struct access *a = p->set; a < p->set + p->setters; ++a) {
         if (a->integers)
@@ -89,7 +95,7 @@ static int advance(struct march *m, const struct part *p, double t) {
     return 1;
 }
 
-static int tick(struct march *m, double *since) {
+static int tick(struct loop *m, double *since) {
     double t = (double)m->tick * m->step;
     for (size_t k = 0; k < m->count; ++k) {
         const struct part *p = m->parts + k;
@@ -115,7 +121,7 @@ static int tick(struct march *m, double *since) {
     return DONE;
 }
 
-EXPORT int march(struct march *m) {
+EXPORT int run_ticks(struct loop *m) {
     double since = now(m);
     size_t older = m->length - m->width;
     while (m->tick < m->last) {

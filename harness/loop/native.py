@@ -25,16 +25,25 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.typing import NDArray
 
+from harness.common.c_struct import MirroredStruct, check_layout
 from harness.common.errors import SteadytipError
 from harness.common.types import FloatArray
-from harness.parts.protocols import FmuCalls, NativelySteppable, OutputTable, Part, TypedAccess
+from harness.parts.protocols import FmuCalls, NativelySteppable, OutputTable, TypedAccess
+from harness.system.tick_plan import PartStep, TickBuffers, TickPlan
 
 if TYPE_CHECKING:
     from fmu_src.pack.fmu.native import Slice
 
-__all__ = ["ACCESS", "NativeLoop", "NativeStatus", "accesses", "compiled", "library", "plan"]
+__all__ = [
+    "ACCESS",
+    "NativeLoop",
+    "NativeStatus",
+    "accesses",
+    "compiled",
+    "library",
+    "native_steps",
+]
 
 _SOURCE = Path(__file__).with_name("native.c")
 ACCESS = Path(__file__).with_name("access.h")
@@ -49,7 +58,7 @@ class NativeStatus(IntEnum):
     FULL, DONE, STOPPED, FAILED, NOT_FINITE, LATE = range(6)
 
 
-class _Access(ctypes.Structure):
+class _Access(MirroredStruct):
     _fields_ = (
         ("call", ctypes.c_void_p),
         ("references", ctypes.c_void_p),
@@ -66,7 +75,7 @@ def accesses(calls: Sequence[TypedAccess]) -> Any:
     )
 
 
-class _Part(ctypes.Structure):
+class _Part(MirroredStruct):
     _fields_ = (
         ("inputs", ctypes.c_size_t),
         ("sources", ctypes.c_void_p),
@@ -86,7 +95,7 @@ class _Part(ctypes.Structure):
     )
 
 
-class _March(ctypes.Structure):
+class _Loop(MirroredStruct):
     _fields_ = (
         ("count", ctypes.c_size_t),
         ("parts", ctypes.c_void_p),
@@ -125,9 +134,12 @@ def library() -> Any:
                 part = native.TARGETS[native.host()][-1 if platform.machine() == "arm64" else 0]
                 native.kept(path, partial(compiled, part, path.parents[1]))
             try:
-                return ctypes.CDLL(str(path))
+                found = ctypes.CDLL(str(path))
             except OSError:  # damaged: once more
                 path.unlink()
+            else:
+                check_layout(found, {"access": _Access, "part": _Part, "loop": _Loop})
+                return found
     return None
 
 
@@ -144,88 +156,81 @@ def compiled(part: Slice, cache: Path, *warnings: str) -> bytes:
     """
     from fmu_src.pack.fmu import native
 
-    flags = [flag.format(name="march") for flag in part.flags if flag != "-lm"]
-    arguments = ["-target", part.triple, *_FLAGS, *warnings, "native.c", "-o", "march.lib", *flags]
+    flags = [flag.format(name="native") for flag in part.flags if flag != "-lm"]
+    arguments = ["-target", part.triple, *_FLAGS, *warnings, "native.c", "-o", "native.lib", *flags]
     texts = {path.name: path.read_text(encoding="utf-8") for path in (ACCESS, _SOURCE)}
-    return native.compile_c(texts, arguments, "march.lib", cache)
+    return native.compile_c(texts, arguments, "native.lib", cache)
 
 
-def plan(parts: Sequence[Part]) -> list[FmuCalls | OutputTable] | None:
-    """How each part that has been started is called natively; None if one is not."""
+def native_steps(plan: TickPlan) -> list[FmuCalls | OutputTable] | None:
+    """Return how each part that has been started is called natively; None if one is not."""
     if library() is None:
         return None
+    parts = [step.part for step in plan.steps]
     found = [part.native_step() if isinstance(part, NativelySteppable) else None for part in parts]
     return None if None in found else found  # type: ignore[return-value]
 
 
 class NativeLoop:
-    """The plan of a loop, laid out for `native.c`, and where it is in it."""
+    """A tick plan laid out for `native.c`, and where it is in the run."""
 
     def __init__(
         self,
+        plan: TickPlan,
+        buffers: TickBuffers,
         calls: Sequence[FmuCalls | OutputTable],
-        sources: Sequence[NDArray[np.intp]],
-        inputs: Sequence[FloatArray],
-        outputs: Sequence[FloatArray],
-        limits: Sequence[float],
-        history: FloatArray,
-        width: int,
-        step: float,
+        period: float,
         first: int,
         last: int,
     ) -> None:
-        """Lay out; all arrays are used where they are.
+        """Lay out; all arrays of the buffers are used where they are.
 
         Args:
-            calls: of each part, in run order.
-            sources: of each part, places of its inputs in the history.
-            inputs: of each part, where they go.
-            outputs: of each part, within the history.
-            limits: of each part, wall-clock time that a step may take [s].
-            history: (n * width,) signals of this tick, of the one before, ...
-            width: number of signals.
-            step: period [s].
+            plan: what a tick does.
+            buffers: memory that it is executed on.
+            calls: of each step, see `native_steps`.
+            period: of the ticks [s].
             first: tick to begin with.
             last: tick to stop before.
         """
         self._calls = calls
-        self._alive: list[Any] = [sources, inputs, outputs, history]
+        self._alive: list[Any] = [plan, buffers]
         self._parts = (_Part * len(calls))(
             *(
-                self._part(each, s, u, y, limit)
-                for each, s, u, y, limit in zip(
-                    calls, sources, inputs, outputs, limits, strict=True
+                self._part(each, step, u, y)
+                for each, step, u, y in zip(
+                    calls, plan.steps, buffers.inputs, buffers.outputs, strict=True
                 )
             )
         )
-        call, which, period = _clock()
+        call, which, counter = _clock()
         self._alive.append(call)
-        self._now = _March(
+        self._now = _Loop(
             count=len(calls),
             parts=ctypes.addressof(self._parts),
-            history=history.ctypes.data,
-            width=width,
-            length=len(history),
-            step=step,
+            history=buffers.history.ctypes.data,
+            width=plan.width,
+            length=len(buffers.history),
+            step=period,
             tick=first,
             last=last,
             clock=ctypes.cast(call, ctypes.c_void_p),
             clock_id=which,
-            clock_period=period,
+            clock_period=counter,
         )
-        self._function = library().march
+        self._function = library().run_ticks
         self._running = False
         self._seen, self._since = 0, 0.0
 
-    def go(self, room: FloatArray) -> NativeStatus:
+    def go(self, buffer: FloatArray) -> NativeStatus:
         """Run until something has to be done about it, and say what.
 
         Args:
-            room: (n, width) for rows of signals; n ticks at most are run.
+            buffer: (n, width) for rows of signals; n ticks at most are run.
         """
-        assert len(room) > 0
-        assert room.flags.c_contiguous
-        self._now.row, self._now.room = room.ctypes.data, len(room)
+        assert len(buffer) > 0
+        assert buffer.flags.c_contiguous
+        self._now.row, self._now.room = buffer.ctypes.data, len(buffer)
         self._running = True
         try:
             return NativeStatus(self._function(ctypes.byref(self._now)))
@@ -277,20 +282,15 @@ class NativeLoop:
         return (index, tick, self._since) if begun else None
 
     def _part(
-        self,
-        calls: FmuCalls | OutputTable,
-        sources: NDArray[np.intp],
-        u: FloatArray,
-        y: FloatArray,
-        limit: float,
+        self, calls: FmuCalls | OutputTable, step: PartStep, u: FloatArray, y: FloatArray
     ) -> _Part:
         part = _Part(
-            inputs=len(sources),
-            sources=sources.ctypes.data,
+            inputs=len(step.sources),
+            sources=step.sources.ctypes.data,
             u=u.ctypes.data,
             outputs=len(y),
             y=y.ctypes.data,
-            limit=limit,
+            limit=step.limit,
         )
         if isinstance(calls, OutputTable):
             table = np.ascontiguousarray(calls.values, dtype=float)

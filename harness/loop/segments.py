@@ -74,7 +74,7 @@ def run_until(
                 return replace(outcome, wall=wall, error=error), since
         loop = Loop(system, run, recorder, since=since, until=tick)
         outcome = loop.go(progress)
-        since, wall = loop.moment(), wall + outcome.wall
+        since, wall = loop.checkpoint(), wall + outcome.wall
         if outcome.error is not None:
             break
     return replace(outcome, wall=wall), since

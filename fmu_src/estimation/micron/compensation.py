@@ -237,7 +237,7 @@ def linear(sensor: Any, volts: Any, change: Any) -> ca.SX:
 
 
 def uncross(p: Any, s: Any) -> ca.SX:
-    """Return specific forces along the sensing axes, (6,), from the linear ones (A04 3.11, 3.13)."""
+    """Return specific forces along the sensing axes, (6,), from linear ones (A04 3.11, 3.13)."""
     found = []
     for i in range(len(kinematics.PLACES)):
         other, (first, second) = neighbours(i)

@@ -13,7 +13,7 @@ import steadytip
 from fmu_src.pack.fmu import native
 from harness.bench import other_hosts as contenders
 from harness.common.errors import PartError
-from harness.loop import native as march
+from harness.loop import native as native_loop
 from harness.loop.loop import Loop
 from harness.parts.protocols import RunContext
 from harness.scenario.load import load
@@ -71,8 +71,8 @@ def test_any_ring_of_parts_gives_the_same_bits(probe, data, parts, most):
         path.write_text("seconds = 0.05\nstep = 1e-3\n" + wired(wires, parts, probe))
         system = assemble(load(str(path)))
         records = []
-        for library in (march.library, lambda: None):
-            patch.setattr(march, "library", library)
+        for library in (native_loop.library, lambda: None):
+            patch.setattr(native_loop, "library", library)
             record = Memory(system.steps, len(system.columns), most)
             outcome = Loop(system, RunContext(1e-3, system.steps, Path(folder)), record).go()
             assert (outcome.error, outcome.ticks) == (None, 50)
@@ -80,9 +80,9 @@ def test_any_ring_of_parts_gives_the_same_bits(probe, data, parts, most):
     assert np.array_equal(*records)
 
 
-def test_what_is_known_beforehand_marches_too(write_scenario, recording, tmp_path, tick):
+def test_what_is_known_beforehand_runs_natively_too(write_scenario, recording, tmp_path, tick):
     """Parts that play a recording, and a record, are tables to the native call."""
-    plan = march.plan
+    plan = native_loop.native_steps
     planned = []
     text = '[part.hand]\nreplay = "hand.csv"\n[part.probe]\nfmu = PROBE\n'
     text += '[[wire]]\nfrom = "hand.recorded_x"\nto = "probe.u"\n'
@@ -90,7 +90,9 @@ def test_what_is_known_beforehand_marches_too(write_scenario, recording, tmp_pat
     again = f'[part.hand]\nrecorded = "{(tmp_path / "first" / "results.parquet").as_posix()}"\n'
     path = write_scenario(again + text.partition("\n")[2].partition("\n")[2])
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("harness.loop.loop.plan", lambda p: planned.append(plan(p)) or planned[-1])
+        patch.setattr(
+            "harness.loop.loop.native_steps", lambda p: planned.append(plan(p)) or planned[-1]
+        )
         second = steadytip.run(path, out=tmp_path / "second", report=False)
     assert (planned[0] is not None) == (tick == "native")
     assert np.ptp(first.signals("probe.y")) > 5e-5
@@ -110,26 +112,26 @@ def test_a_part_that_comes_back_after_all_changes_nothing(write_scenario, tmp_pa
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
     """A folder without a compiled library."""
-    monkeypatch.setattr(march, "_FOLDER", tmp_path / "c" / "runs")
-    march.library.cache_clear()
+    monkeypatch.setattr(native_loop, "_FOLDER", tmp_path / "c" / "runs")
+    native_loop.library.cache_clear()
     yield tmp_path / "c" / "runs"
-    march.library.cache_clear()
+    native_loop.library.cache_clear()
 
 
 def test_it_is_compiled_once_and_again_when_damaged(elsewhere, monkeypatch):
-    assert march.library() is not None
+    assert native_loop.library() is not None
     (kept,) = elsewhere.iterdir()
-    march.library.cache_clear()
+    native_loop.library.cache_clear()
     with monkeypatch.context() as patch:
-        patch.setattr(march, "compiled", lambda *_: pytest.fail("it is there already"))
-        assert march.library() is not None
+        patch.setattr(native_loop, "compiled", lambda *_: pytest.fail("it is there already"))
+        assert native_loop.library() is not None
     # In another folder: the system gives a library that is loaded already by its name.
     other = elsewhere.with_name("others")
     other.mkdir()
     (other / kept.name).write_bytes(b"no library")
-    monkeypatch.setattr(march, "_FOLDER", other)
-    march.library.cache_clear()
-    assert march.library() is not None
+    monkeypatch.setattr(native_loop, "_FOLDER", other)
+    native_loop.library.cache_clear()
+    assert native_loop.library() is not None
     assert (other / kept.name).read_bytes() == kept.read_bytes()
 
 
@@ -137,7 +139,7 @@ def test_it_is_compiled_once_and_again_when_damaged(elsewhere, monkeypatch):
 def test_it_compiles_for_every_platform_without_a_warning(target, tmp_path):
     for part in native.TARGETS[target]:
         warnings = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-parameter")
-        library = march.compiled(part, tmp_path, *warnings)
+        library = native_loop.compiled(part, tmp_path, *warnings)
         assert library[:4] in (b"\x7fELF", b"MZ\x90\0", b"MZx\0", b"\xcf\xfa\xed\xfe")
 
 
@@ -149,7 +151,7 @@ def test_without_a_compiler_the_loop_goes_tick_by_tick(
 
     monkeypatch.setattr("fmu_src.pack.fmu.native.compile_c", refuse)
     result = steadytip.run(write_scenario("[part.p]\nfmu = PROBE\n"), out=tmp_path, report=False)
-    assert march.library() is None
+    assert native_loop.library() is None
     assert np.array_equal(result.signals("p.count"), np.arange(1, 1001))
 
 
