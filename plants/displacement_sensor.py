@@ -45,7 +45,7 @@ class Out(Outputs):
 
 
 def step(p: Params, u: In, x: Resting, T: float, normal: Any) -> tuple[Resting, Out]:
-    """One sample."""
+    """Compute one sample."""
     return x, Out(measured=(1 + p.gain_error) * u.stroke + p.offset + p.noise * normal[0])
 
 

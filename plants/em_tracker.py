@@ -50,8 +50,6 @@ SOFT = 0.01
 """Length r_0 that keeps the field of a dipole finite at its place [m]."""
 LARGEST = 1.0
 """Angle that distortion cannot exceed [rad]."""
-SMALLEST_NORM = 0.01
-"""Squared length below which four numbers no longer pass for an attitude."""
 _PACKET = 7
 
 
@@ -61,10 +59,8 @@ class Params(Parameters):
     seed = integer("seed of the jitter", start=1, min=0, max=2**31 - 1)
     rate = real("Hz", "measurements in a second", start=40.0, min=1.0, max=1000.0)
     latency = real("s", "from measurement to arrival", start=0.025, min=0.0, max=0.12)
-    latency_jitter = real("s", "rms of what is added to it", start=0.0, min=0.0, max=0.05)
-    clock_error = real(
-        "s", "by which the stated age is short of the true one", start=0.0, min=-0.1, max=0.1
-    )
+    latency_jitter = sampling.LATENCY_JITTER
+    clock_error = sampling.CLOCK_ERROR
     loss = real(None, "share of measurements that is lost at random", start=0.0, min=0.0, max=1.0)
     generator = real(
         "m", "place g of the field generator in W", shape=3, start=(0.3, 0.0, 0.0), min=-5, max=5
@@ -91,36 +87,22 @@ class Params(Parameters):
     mounting = real(
         "rad", "rotation vector of h, from B to the coil frame", shape=3, min=-np.pi, max=np.pi
     )
-    registration = real(
-        "rad",
-        "rotation vector from the axes of W to those of the tracker",
-        shape=3,
-        min=-np.pi,
-        max=np.pi,
-    )
-    origin = real("m", "origin of the tracker's frame in W", shape=3, min=-20.0, max=20.0)
+    registration = sampling.REGISTRATION
+    origin = sampling.ORIGIN
 
 
 class In(Inputs):
     """True pose, the piece of metal that is moved, and losses on demand."""
 
-    body = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
-    attitude = real(
-        None,
-        "attitude q_WB; a length other than 1 is scaled away",
-        shape=4,
-        axes="wxyz",
-        start=(1, 0, 0, 0),
-        min=-1.01,
-        max=1.01,
-    )
+    body = sampling.BODY
+    attitude = sampling.ATTITUDE
     metal = real(
         "m", "place of the moved piece in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
     )
     lost = boolean("whether measurements are lost")
 
 
-class Odds(Derived):
+class Precomputed(Derived):
     """What follows from the share of losses."""
 
     loss_draw = real(None, "standard normal draw below which a measurement is lost")
@@ -151,14 +133,14 @@ class Out(Outputs):
     distortion = real("rad", "attitude error t_d by metal at this instant, W", shape=3, axes="xyz")
 
 
-def derive(p: Params, T: float) -> Odds:
-    """What follows from the parameters."""
+def derive(p: Params, T: float) -> Precomputed:
+    """Compute what follows from the parameters."""
     share = ca.fmin(ca.fmax(p.loss, 1e-300), 1 - 1e-16)
-    return Odds(loss_draw=standard_normal(share))
+    return Precomputed(loss_draw=standard_normal(share))
 
 
 def dipole(r: Any) -> tuple[Any, Any]:
-    """D(r), and its inverse but for r_0, (3, 3) [1/m3], [m3]."""
+    """Return D(r), and its inverse but for r_0, (3, 3) [1/m3], [m3]."""
     squared = ca.sumsqr(r) + SOFT**2
     along = r @ r.T / squared
     cube = squared * ca.sqrt(squared)
@@ -166,7 +148,7 @@ def dipole(r: Any) -> tuple[Any, Any]:
 
 
 def secondary(p: Params, metal: Any, place: Any) -> Any:
-    """E at a place: the field of all metal relative to the generator's, (3, 3).
+    """Return E at a place: the field of all metal relative to the generator's, (3, 3).
 
     Args:
         p: parameters.
@@ -181,10 +163,10 @@ def secondary(p: Params, metal: Any, place: Any) -> Any:
     return total
 
 
-def step(p: Params, u: In, x: X, T: float, derived: Odds, normal: Any) -> tuple[X, Out]:
-    """One sample."""
+def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) -> tuple[X, Out]:
+    """Compute one sample."""
     due, phase = sampling.exposed(x.phase, p.rate, T)
-    q = u.attitude / ca.sqrt(ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM))
+    q = sampling.unit_quaternion(u.attitude)
     sensor = u.body + rotations.matrix(q) @ p.lever
     coil = rotations.multiply(q, rotations.from_rotation_vector(p.mounting))
     C = rotations.matrix(coil)
@@ -234,6 +216,6 @@ MODEL = Model(
     Out,
     sample_period=1e-3,
     draws=8,
-    derived=Odds,
+    derived=Precomputed,
     derive=derive,
 )

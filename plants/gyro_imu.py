@@ -35,7 +35,6 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
-from fmu_src.math import rotations
 from plants import sampling
 
 LINE = 32
@@ -43,8 +42,6 @@ LINE = 32
 MILLI_G = 1e-3 * design.STANDARD_GRAVITY
 SOFT = 0.01
 """Distance at which the field of a magnet stops growing [m]: its size."""
-SMALLEST_NORM = 0.01
-"""Squared length below which four numbers no longer pass for an attitude."""
 _PER_STERADIAN = 1e-7
 """Magnetic constant over 4 pi [T.m/A]."""
 
@@ -142,13 +139,7 @@ class Params(Parameters):
     field_strength = real(
         "T", "strength F of the earth's field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
     )
-    inclination = real(
-        "rad",
-        "dip I of the field below the horizon",
-        start=design.MAGNETIC_INCLINATION,
-        min=-np.pi / 2,
-        max=np.pi / 2,
-    )
+    inclination = sampling.INCLINATION
     magnet_moment = real(
         "A.m2",
         "moment of the magnet, W; of a cube of neodymium of 1 cm",
@@ -162,23 +153,11 @@ class Params(Parameters):
 class In(Inputs):
     """Motion of the body, a magnet, and faults on demand."""
 
-    body = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
-    body_acceleration = real(
-        "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
-    )
-    attitude = real(
-        None,
-        "attitude q_WB; a length other than 1 is scaled away",
-        shape=4,
-        axes="wxyz",
-        start=(1, 0, 0, 0),
-        min=-1.01,
-        max=1.01,
-    )
+    body = sampling.BODY
+    body_acceleration = sampling.BODY_ACCELERATION
+    attitude = sampling.ATTITUDE
     body_rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
-    angular_acceleration = real(
-        "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
-    )
+    angular_acceleration = sampling.ANGULAR_ACCELERATION
     magnet = real(
         "m", "place of the magnet in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
     )
@@ -186,8 +165,8 @@ class In(Inputs):
     frozen = boolean("whether the unit repeats its last sample, and calls it valid")
 
 
-class Weights(Derived):
-    """Weights of the delay line's samples, and what noise there is in a sample."""
+class Precomputed(Derived):
+    """Precomputed of the delay line's samples, and what noise there is in a sample."""
 
     gyro = real(None, "of the gyros", shape=LINE)
     accelerometer = real(None, "of the accelerometers", shape=LINE)
@@ -217,13 +196,13 @@ class Out(Outputs):
     clipped = boolean("whether a channel is at its limit")
 
 
-def derive(p: Params, T: float) -> Weights:
-    """What follows from the parameters."""
+def derive(p: Params, T: float) -> Precomputed:
+    """Compute what follows from the parameters."""
 
     def weights(delay: Any) -> Any:
         return ca.vertcat(*(ca.fmax(0, 1 - ca.fabs(delay / T - i)) for i in range(LINE)))
 
-    return Weights(
+    return Precomputed(
         gyro=weights(p.gyro_delay),
         accelerometer=weights(p.accelerometer_delay),
         magnetometer=weights(p.magnetometer_delay),
@@ -231,7 +210,7 @@ def derive(p: Params, T: float) -> Weights:
 
 
 def magnet_field(moment: Any, r: Any) -> Any:
-    """Field of a magnet at a place r from it, (3,) [T], W."""
+    """Return the field of a magnet at a place r from it, (3,) [T], W."""
     squared = ca.sumsqr(r) + SOFT**2
     return (
         _PER_STERADIAN
@@ -240,14 +219,13 @@ def magnet_field(moment: Any, r: Any) -> Any:
     )
 
 
-def step(p: Params, u: In, x: X, T: float, derived: Weights, normal: Any) -> tuple[X, Out]:
-    """One sample."""
-    R = rotations.matrix(u.attitude) / ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM)
-    lever = ca.cross(u.angular_acceleration, p.lever) + ca.cross(
-        u.body_rate, ca.cross(u.body_rate, p.lever)
+def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) -> tuple[X, Out]:
+    """Compute one sample."""
+    R = sampling.attitude_matrix(u.attitude)
+    force = sampling.specific_force(
+        R, u.body_acceleration, p.gravity, u.body_rate, u.angular_acceleration, p.lever
     )
-    force = R.T @ (u.body_acceleration + ca.vertcat(0, 0, p.gravity)) + lever
-    earth = p.field_strength * ca.vertcat(ca.cos(p.inclination), 0, -ca.sin(p.inclination))
+    earth = sampling.earth_field(p.field_strength, p.inclination)
     field = R.T @ (earth + magnet_field(p.magnet_moment, u.body + R @ p.lever - u.magnet))
     now = ca.vertcat(u.body_rate, force, field)
     past = ca.if_else(x.started, x.line[:, :-1], ca.repmat(now, 1, LINE - 1))
@@ -310,6 +288,6 @@ MODEL = Model(
     Out,
     sample_period=1e-3,
     draws=18,
-    derived=Weights,
+    derived=Precomputed,
     derive=derive,
 )

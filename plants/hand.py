@@ -219,17 +219,17 @@ class Motion:
         )
 
     def scaled(self, factor: Any) -> "Motion":
-        """The same, multiplied element by element with a constant."""
+        """Multiply element by element with a constant."""
         return Motion(self.value * factor, self.rate * factor, self.acceleration * factor)
 
 
 def pole(corner: Any) -> Any:
-    """Pole p of a shaping filter [rad/s] from its corner [Hz]."""
+    """Return the pole p of a shaping filter [rad/s] from its corner [Hz]."""
     return 2 * math.pi * corner
 
 
 def derive(p: Params, T: float) -> Rows:
-    """What follows from the parameters."""
+    """Compute what follows from the parameters."""
 
     def transition(corner: Any) -> Any:
         x = pole(corner) * T
@@ -265,20 +265,20 @@ def derive(p: Params, T: float) -> Rows:
 
 
 def _about(axis: int, angle: Any) -> Any:
-    """Quaternion of a rotation about an axis of its own frame, (4,)."""
+    """Return the quaternion of a rotation about an axis of its own frame, (4,)."""
     parts = [ca.cos(angle / 2), 0.0, 0.0, 0.0]
     parts[1 + axis] = ca.sin(angle / 2)
     return ca.vertcat(*parts)
 
 
 def _turn(axis: int, turn: Any) -> tuple[Any, Any]:
-    """Sine and cosine of the angle of such a rotation."""
+    """Return sine and cosine of the angle of such a rotation."""
     c, s = turn[0], turn[1 + axis]
     return 2 * s * c, 1 - 2 * s**2
 
 
 def advance(y: Any, transition: Any, drive: Any) -> Any:
-    """Filter states a sample later, exact for a drive held over the sample.
+    """Return the filter states a sample later, exact for a drive held over the sample.
 
     Args:
         y: states, (ORDER, n).
@@ -293,7 +293,7 @@ def advance(y: Any, transition: Any, drive: Any) -> Any:
 
 
 def motion(y: Any, corner: Any) -> Motion:
-    """Output of a filter and its derivatives, each (n,)."""
+    """Return the output of a filter and its derivatives, each (n,)."""
     p = pole(corner)
     return Motion(
         y[3, :].T,
@@ -303,7 +303,7 @@ def motion(y: Any, corner: Any) -> Motion:
 
 
 def carrier(p: Params, wander: Any) -> tuple[Any, Any]:
-    """Angular frequency of the tremor [rad/s] and its derivative [rad/s2]."""
+    """Return the angular frequency of the tremor [rad/s] and its derivative [rad/s2]."""
     g = motion(wander, p.wander_corner)
     low, high = p.tremor_frequency[0], p.tremor_frequency[1]
     bend = ca.tanh(g.value[0])
@@ -313,7 +313,7 @@ def carrier(p: Params, wander: Any) -> tuple[Any, Any]:
 
 
 def tremor(p: Params, x: X) -> Motion:
-    """Tremor d_t by the product rule, (3,) [m]."""
+    """Compute the tremor d_t by the product rule, (3,) [m]."""
     i, q = motion(x.in_phase, p.tremor_bandwidth), motion(x.quadrature, p.tremor_bandwidth)
     w, dw = carrier(p, x.wander)
     s, c = ca.sin(x.phase), ca.cos(x.phase)
@@ -327,7 +327,7 @@ def tremor(p: Params, x: X) -> Motion:
 def body_motion(
     p: Params, derived: Rows, tip: Motion, roll: Motion
 ) -> tuple[Any, Any, Any, Any, Any]:
-    """Rigid body whose tip moves as given.
+    """Compute the motion of a rigid body whose tip moves as given.
 
     Args:
         p: parameters.
@@ -374,7 +374,7 @@ def body_motion(
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[X, Out]:
-    """One sample: the outputs are those of its instant, the draws drive the time until the next."""
+    """Return the outputs at this instant, and the state at the next sample."""
     intent = motion(x.intent, p.intent_corner).scaled(p.intent_rms) + motion(
         x.correction, p.correction_corner
     ).scaled(p.correction_rms)

@@ -102,7 +102,7 @@ _MAGNETOMETER_NOISE = design.MAGNETOMETER_RESOLUTION / np.sqrt(10.0)
 
 
 def walk_density(noise: float) -> float:
-    """Density K whose Allan variance K^2 t / 3 meets the N^2 / (2 t) of white noise at the turn."""
+    """Return K whose Allan variance K^2 t / 3 meets white noise's N^2 / (2 t) at the turn."""
     return float(noise * np.sqrt(1.5) / WALK_TURN)
 
 
@@ -338,7 +338,7 @@ class In(Inputs):
     ambient = real("degC", "t_a, temperature of the room", start=ROOM, min=-40.0, max=85.0)
 
 
-class Rows(Derived):
+class Precomputed(Derived):
     """Sensitivity and filter coefficients."""
 
     accelerometer_rows = real(None, "rows of S, one accelerometer channel each", shape=(6, 3))
@@ -388,7 +388,7 @@ class Out(Outputs):
 
 
 def sensitivity_row(axis: int, misalignment: Any, scale_error: Any, cross_axis: Any) -> Any:
-    """Row of S of a channel, (3,): A04 3.2.1.6 with an exact rotation.
+    """Return the row of S of a channel, (3,): A04 3.2.1.6 with an exact rotation.
 
     Args:
         axis: nominal axis of the channel in B, 0 to 2.
@@ -404,7 +404,7 @@ def sensitivity_row(axis: int, misalignment: Any, scale_error: Any, cross_axis: 
 
 
 def _of_each(accelerometer: Any, magnetometer: Any) -> Any:
-    """One value for each channel, (9,)."""
+    """Return one value for each channel, (9,)."""
     return ca.vertcat(ca.repmat(accelerometer, 6, 1), ca.repmat(magnetometer, 3, 1))
 
 
@@ -412,8 +412,8 @@ SCALES = _of_each(design.ACCELEROMETER_SCALE, design.MAGNETOMETER_SCALE)
 """Nominal scales c of the channels [V.s2/m], [V/T]."""
 
 
-def derive(p: Params, T: float) -> Rows:
-    """What follows from the parameters."""
+def derive(p: Params, T: float) -> Precomputed:
+    """Compute what follows from the parameters."""
     accelerometer_rows = [
         sensitivity_row(
             "xyz".index(channel[2]),
@@ -440,7 +440,7 @@ def derive(p: Params, T: float) -> Rows:
     lag = _of_each(p.accelerometer_lag, p.magnetometer_lag)
     decay = ca.exp(-T / lag)
     noise = SCALES * _of_each(p.accelerometer_noise, p.magnetometer_noise) / ca.sqrt(4 * lag)
-    return Rows(
+    return Precomputed(
         accelerometer_rows=ca.vertcat(*accelerometer_rows),
         magnetometer_rows=ca.vertcat(*magnetometer_rows),
         decay=decay,
@@ -469,17 +469,19 @@ def _clip(x: Any, low: Any, high: Any) -> Any:
 
 
 def _stress(before: Any, temperature: Any, width: Any) -> Any:
-    """Sigma that follows theta within W."""
+    """Return sigma, which follows theta within W."""
     return _clip(before, temperature - width, temperature + width)
 
 
 def bow(y: Any) -> Any:
-    """B(y) before it is scaled to 1 at 1 g, of a force by the standard gravity."""
+    """Return B(y) before it is scaled to 1 at 1 g, of a force by the standard gravity."""
     return ca.sqrt(1 + (y * (1 / KNEE)) ** 2) - 1
 
 
-def accelerometers(p: Params, derived: Rows, linear: Any, own: Any, stuck: Any) -> tuple[Any, Any]:
-    """F of the six channels [m/s2], and where they stick afterwards [m/s2].
+def accelerometers(
+    p: Params, derived: Precomputed, linear: Any, own: Any, stuck: Any
+) -> tuple[Any, Any]:
+    """Return F of the six channels [m/s2], and where they stick afterwards [m/s2].
 
     Args:
         p: parameters.
@@ -508,8 +510,8 @@ def accelerometers(p: Params, derived: Rows, linear: Any, own: Any, stuck: Any) 
     return ca.vertcat(*felt), ca.vertcat(*sticks)
 
 
-def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[X, Out]:
-    """One sample. The first one finds the filters settled and their noise stationary."""
+def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) -> tuple[X, Out]:
+    """Compute one sample. In the first one, filters are settled and noise is stationary."""
     forces = {"1": u.force1, "2": u.force2, "3": u.force3}
     linear = ca.vertcat(
         *(
@@ -587,6 +589,6 @@ MODEL = Model(
     Out,
     sample_period=1e-3,
     draws=18,
-    derived=Rows,
+    derived=Precomputed,
     derive=derive,
 )

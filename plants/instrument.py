@@ -47,13 +47,12 @@ from fmu_src.device import design
 from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.records import Derived, Inputs, real
 from fmu_src.math import rotations
+from plants import sampling
 
 OUTWARDS = [np.array([np.cos(a), np.sin(a), 0.0]) for a in np.radians([0.0, 120.0, 240.0])]
 """Directions e_i of the legs in the manipulator's base frame."""
 UPWARDS = np.array([0.0, 0.0, 1.0])
 NEWTON_STEPS = 3
-SMALLEST_NORM = 0.01
-"""Squared length below which four numbers no longer pass for an attitude."""
 
 
 class Params(Parameters):
@@ -72,13 +71,7 @@ class Params(Parameters):
     field_strength = real(
         "T", "strength F of the magnetic field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
     )
-    inclination = real(
-        "rad",
-        "dip I of the field below the horizon",
-        start=design.MAGNETIC_INCLINATION,
-        min=-np.pi / 2,
-        max=np.pi / 2,
-    )
+    inclination = sampling.INCLINATION
     radius = real(
         "m",
         "radius r of the pin joints and of the ball joints",
@@ -100,27 +93,15 @@ class Params(Parameters):
 class In(Inputs):
     """Motion of the body and strokes of the stacks."""
 
-    body = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
-    body_acceleration = real(
-        "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
-    )
-    attitude = real(
-        None,
-        "attitude q_WB; a length other than 1 is scaled away",
-        shape=4,
-        axes="wxyz",
-        start=(1, 0, 0, 0),
-        min=-1.01,
-        max=1.01,
-    )
+    body = sampling.BODY
+    body_acceleration = sampling.BODY_ACCELERATION
+    attitude = sampling.ATTITUDE
     rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
-    angular_acceleration = real(
-        "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
-    )
+    angular_acceleration = sampling.ANGULAR_ACCELERATION
     stroke = real("m", "strokes of the stacks, 0 at 0 V", shape=3, min=-20e-6, max=60e-6)
 
 
-class Rows(Derived):
+class Precomputed(Derived):
     """What does not move."""
 
     rest = real("m", "P(0), tip of the shaft at zero stroke, base frame of the legs", shape=3)
@@ -143,31 +124,16 @@ class Out(Outputs):
     deflection = real("m", "tip in B, from its place at zero stroke", shape=3, axes="xyz")
 
 
-def specific_force(p: Params, u: In, R: Any, site: Any) -> Any:
-    """What an ideal accelerometer triad at a place r of the rigid body feels, (3,) [m/s2], B.
-
-    Newton-Euler kinematics; the sign is that of notation.md (+g along up at rest).
-
-    Args:
-        p: parameters.
-        u: motion of the body.
-        R: rotation matrix body to world, (3, 3).
-        site: the place r in B, (3,) [m].
-    """
-    lever = ca.cross(u.angular_acceleration, site) + ca.cross(u.rate, ca.cross(u.rate, site))
-    return R.T @ (u.body_acceleration + ca.vertcat(0, 0, p.gravity)) + lever
-
-
-def derive(p: Params, T: float) -> Rows:
-    """What follows from the parameters."""
-    return Rows(
+def derive(p: Params, T: float) -> Precomputed:
+    """Compute what follows from the parameters."""
+    return Precomputed(
         rest=shaft_tip(p, ca.SX.zeros(3)),
-        field=p.field_strength * ca.vertcat(ca.cos(p.inclination), 0, -ca.sin(p.inclination)),
+        field=sampling.earth_field(p.field_strength, p.inclination),
     )
 
 
 def shaft_tip(p: Params, stroke: Any) -> Any:
-    """Tip of the shaft from the plane of the pin joints, (3,) [m], forward kinematics of the 3-RPS.
+    """Solve the forward kinematics of the 3-RPS: shaft tip from the plane of the pins, (3,) [m].
 
     Args:
         p: parameters.
@@ -194,17 +160,18 @@ def shaft_tip(p: Params, stroke: Any) -> Any:
 
 
 def _ball_joints(p: Params, legs: Any, tilts: Any) -> list[Any]:
-    """Places S_i of the ball joints in the manipulator's base frame, each (3,) [m]."""
+    """Return the places S_i of the ball joints in the manipulator's base frame, each (3,) [m]."""
     return [
         (p.radius - legs[i] * ca.sin(tilts[i])) * OUTWARDS[i] + legs[i] * ca.cos(tilts[i]) * UPWARDS
         for i in range(3)
     ]
 
 
-def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:
-    """One sample."""
-    R = rotations.matrix(u.attitude) / ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM)
-    forces = [specific_force(p, u, R, p.sites[i, :].T) for i in range(3)]
+def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
+    """Compute one sample."""
+    R = sampling.attitude_matrix(u.attitude)
+    motion = (u.body_acceleration, p.gravity, u.rate, u.angular_acceleration)
+    forces = [sampling.specific_force(R, *motion, p.sites[i, :].T) for i in range(3)]
     deflection = shaft_tip(p, u.stroke) - derived.rest
     free_tip = u.body + R @ p.tip
     return X(), Out(
@@ -226,6 +193,6 @@ MODEL = Model(
     X,
     Out,
     sample_period=1e-3,
-    derived=Rows,
+    derived=Precomputed,
     derive=derive,
 )

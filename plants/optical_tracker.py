@@ -34,7 +34,6 @@ C23 3.1.1: four passive spheres a body.
 from typing import Any
 
 import casadi as ca
-import numpy as np
 
 from fmu_src.device import design
 from fmu_src.kit import Model, Outputs, Parameters, State
@@ -45,8 +44,6 @@ from plants import sampling
 MARKERS = len(design.MARKERS)
 FEWEST = 3
 """Markers that a pose takes."""
-SMALLEST_NORM = 0.01
-"""Squared length below which four numbers no longer pass for an attitude."""
 _POSE = 7
 _PACKET = _POSE + 4 * MARKERS + 1
 
@@ -57,10 +54,8 @@ class Params(Parameters):
     seed = integer("seed of noise and failures", start=1, min=0, max=2**31 - 1)
     rate = real("Hz", "exposures in a second", start=60.0, min=1.0, max=1000.0)
     latency = real("s", "from exposure to arrival", start=0.016, min=0.0, max=0.12)
-    latency_jitter = real("s", "rms of what is added to it", start=0.0, min=0.0, max=0.05)
-    clock_error = real(
-        "s", "by which the stated age is short of the true one", start=0.0, min=-0.1, max=0.1
-    )
+    latency_jitter = sampling.LATENCY_JITTER
+    clock_error = sampling.CLOCK_ERROR
     markers = real(
         "m",
         "places r_i in B, one a row",
@@ -78,14 +73,8 @@ class Params(Parameters):
     camera = real(
         "m", "place of the camera in W", shape=3, start=(-1.0, -0.6, 1.0), min=-20.0, max=20.0
     )
-    registration = real(
-        "rad",
-        "rotation vector from the axes of W to those of the tracker",
-        shape=3,
-        min=-np.pi,
-        max=np.pi,
-    )
-    origin = real("m", "origin of the tracker's frame in W", shape=3, min=-20.0, max=20.0)
+    registration = sampling.REGISTRATION
+    origin = sampling.ORIGIN
     occlusion_rate = real("Hz", "random occlusions in a second", start=0.0, min=0.0, max=50.0)
     occlusion_time = real("s", "mean length of one", start=0.3, min=1e-3, max=100.0)
     dropout_rate = real("Hz", "random losses of a marker in a second", start=0.0, min=0.0, max=50.0)
@@ -95,16 +84,8 @@ class Params(Parameters):
 class In(Inputs):
     """True pose, and what is hidden on demand."""
 
-    body = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
-    attitude = real(
-        None,
-        "attitude q_WB; a length other than 1 is scaled away",
-        shape=4,
-        axes="wxyz",
-        start=(1, 0, 0, 0),
-        min=-1.01,
-        max=1.01,
-    )
+    body = sampling.BODY
+    attitude = sampling.ATTITUDE
     occluded = boolean("whether something stands in the line of sight")
     hidden_1 = boolean("whether marker 1 is hidden")
     hidden_2 = boolean("whether marker 2 is hidden")
@@ -112,7 +93,7 @@ class In(Inputs):
     hidden_4 = boolean("whether marker 4 is hidden")
 
 
-class Odds(Derived):
+class Precomputed(Derived):
     """Standard normal draws above which failures begin and end."""
 
     occlusion_begins = real(None, "of an occlusion")
@@ -152,9 +133,9 @@ class Out(Outputs):
     optical_visible4 = boolean("whether marker 4 is in the last packet")
 
 
-def derive(p: Params, T: float) -> Odds:
-    """What follows from the parameters."""
-    return Odds(
+def derive(p: Params, T: float) -> Precomputed:
+    """Compute what follows from the parameters."""
+    return Precomputed(
         occlusion_begins=sampling.chance(p.occlusion_rate, T),
         occlusion_ends=sampling.chance(1 / p.occlusion_time, T),
         dropout_begins=sampling.chance(p.dropout_rate, T),
@@ -163,7 +144,7 @@ def derive(p: Params, T: float) -> Odds:
 
 
 def fitted(layout: Any, seen: Any, errors: Any) -> tuple[Any, Any, Any]:
-    """Errors of the pose fitted to the visible markers, to first order in theirs.
+    """Compute errors of the pose fitted to the visible markers, to first order in theirs.
 
     Args:
         layout: places in B, (MARKERS, 3) [m].
@@ -190,14 +171,14 @@ def fitted(layout: Any, seen: Any, errors: Any) -> tuple[Any, Any, Any]:
     return turn, (seen.T @ errors / count).T - ca.cross(turn, centre), good
 
 
-def step(p: Params, u: In, x: X, T: float, derived: Odds, normal: Any) -> tuple[X, Out]:
-    """One sample."""
+def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) -> tuple[X, Out]:
+    """Compute one sample."""
     exposed, phase = sampling.exposed(x.phase, p.rate, T)
     hidden = ca.vertcat(u.hidden_1, u.hidden_2, u.hidden_3, u.hidden_4)
     blind = ca.logic_or(u.occluded, x.occlusion)
     seen = ca.if_else(blind, 0, (1 - hidden) * (1 - x.dropouts))
 
-    q = u.attitude / ca.sqrt(ca.fmax(ca.sumsqr(u.attitude), SMALLEST_NORM))
+    q = sampling.unit_quaternion(u.attitude)
     R = rotations.matrix(q)
     sight = u.body - p.camera
     sight = sight / ca.sqrt(ca.sumsqr(sight) + 1e-6)
@@ -271,6 +252,6 @@ MODEL = Model(
     Out,
     sample_period=1e-3,
     draws=3 * MARKERS + 2 + MARKERS,
-    derived=Odds,
+    derived=Precomputed,
     derive=derive,
 )

@@ -124,7 +124,7 @@ class Out(Outputs):
 
 
 def derive(p: Params, T: float) -> Rows:
-    """What follows from the parameters."""
+    """Compute what follows from the parameters."""
     h = T / SUBSTEPS
     w = 2 * math.pi * p.resonance
     turning = ca.sqrt(1 - p.damping**2)
@@ -149,7 +149,7 @@ def derive(p: Params, T: float) -> Rows:
 
 
 def slip(p: Params, held: Any, charge: Any, rise: Any, derived: Rows) -> Any:
-    """Slip voltages F_i after a step, (6,) [V].
+    """Return the slip voltages F_i after a step, (6,) [V].
 
     Args:
         p: parameters.
@@ -169,7 +169,7 @@ def slip(p: Params, held: Any, charge: Any, rise: Any, derived: Rows) -> Any:
 
 
 def loop(derived: Rows, held: Any, rise: Any, towards: Any) -> Any:
-    """Loop h after a step [V], exact for a voltage that goes one way.
+    """Return the loop h after a step [V], exact for a voltage that goes one way.
 
     Args:
         derived: what follows from the parameters.
@@ -184,14 +184,14 @@ def loop(derived: Rows, held: Any, rise: Any, towards: Any) -> Any:
 
 
 def ceramic(p: Params, derived: Rows, x: X) -> Any:
-    """Stroke y_i of the ceramic without creep [m]."""
+    """Return the stroke y_i of the ceramic without creep [m]."""
     strained = x.charge - p.loop_weight * x.loop - total(p.slip_weight * x.slip)
     bend = 1 + strained * (p.gain_slope + p.gain_curvature * strained)
     return derived.gains * strained * bend
 
 
 def substep(p: Params, volts: Any, towards: Any, x: X, h: float, derived: Rows) -> X:
-    """The stack a step later.
+    """Return the state of the stack a step later.
 
     Args:
         p: parameters.
@@ -224,7 +224,7 @@ def substep(p: Params, volts: Any, towards: Any, x: X, h: float, derived: Rows) 
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:
-    """One sample: the stroke at its instant, then the stack until the next."""
+    """Return the stroke at this instant, and the stack at the next sample."""
     following = x
     for _ in range(SUBSTEPS):
         following = substep(p, u.volts, u.volts - x.charge, following, T / SUBSTEPS, derived)

@@ -79,7 +79,7 @@ class Out(Outputs):
 
 
 def move(t: Any, length: Any, ramp: Any) -> tuple[Any, Any, Any]:
-    """Share of the way a time after the start of a move, with its first two derivatives."""
+    """Return the share of the way a time after the start of a move, and two derivatives."""
     speed = 1 / (length - ramp)
     turn = math.pi / ramp
 
@@ -102,7 +102,7 @@ def move(t: Any, length: Any, ramp: Any) -> tuple[Any, Any, Any]:
 
 
 def _wrist() -> ca.Function:
-    """Attitude, rate and angular acceleration of angles (3,) and their two derivatives."""
+    """Return attitude, rate and angular acceleration of angles (3,) and their two derivatives."""
     angles, rates, accelerations = (ca.SX.sym(letter, 3) for letter in "abc")
     turns = [
         rotations.from_rotation_vector(axis * angle)
@@ -120,7 +120,7 @@ def _wrist() -> ca.Function:
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     length = ca.if_else(p.one_by_one, p.move_time / JOINTS, p.move_time)
     ramp = ca.fmin(p.ramp_time, 0.5 * length)
     half = p.dwell + p.move_time

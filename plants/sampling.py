@@ -1,18 +1,67 @@
-"""What trackers have in common: exposures at a rate of their own, late arrival, random failures.
+"""Share what several plants need: ports of a moving body, and the timing of trackers.
 
 A tracker exposes at a rate that need not divide that of the model; an exposure falls on the first
-sample at or after its instant. What it saw is a packet that arrives after a latency, in order, one
-a sample at most. No plant, and no model of its own.
+sample at or after its instant. What it saw is a packet that arrives after a latency, in order, at
+most one a sample. This is no plant and holds no model.
+
+| symbol | meaning |
+| --- | --- |
+| W, B | world, body |
+| q_WB, R | attitude of the body, its rotation matrix from B to W |
+| a_W, w, alpha | acceleration of the origin of B [m/s2], body rate and angular acceleration in B |
 """
 
 from typing import Any
 
 import casadi as ca
+import numpy as np
 
+from fmu_src.device import design
 from fmu_src.kit import State
 from fmu_src.kit.noise import standard_normal
 from fmu_src.kit.records import integer, real
+from fmu_src.math import rotations
 
+BODY = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
+BODY_ACCELERATION = real(
+    "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
+)
+ATTITUDE = real(
+    None,
+    "attitude q_WB; a length other than 1 is scaled away",
+    shape=4,
+    axes="wxyz",
+    start=(1, 0, 0, 0),
+    min=-1.01,
+    max=1.01,
+)
+ANGULAR_ACCELERATION = real(
+    "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
+)
+"""Inputs: motion of a body."""
+INCLINATION = real(
+    "rad",
+    "dip I of the field below the horizon",
+    start=design.MAGNETIC_INCLINATION,
+    min=-np.pi / 2,
+    max=np.pi / 2,
+)
+"""Parameter: direction of the earth's field."""
+LATENCY_JITTER = real("s", "rms of what is added to it", start=0.0, min=0.0, max=0.05)
+CLOCK_ERROR = real(
+    "s", "by which the stated age is short of the true one", start=0.0, min=-0.1, max=0.1
+)
+REGISTRATION = real(
+    "rad",
+    "rotation vector from the axes of W to those of the tracker",
+    shape=3,
+    min=-np.pi,
+    max=np.pi,
+)
+ORIGIN = real("m", "origin of the tracker's frame in W", shape=3, min=-20.0, max=20.0)
+"""Parameters of a tracker: timing and frame."""
+SMALLEST_NORM = 0.01
+"""Squared length below which four numbers no longer pass for an attitude."""
 SLOTS = 8
 """Packets that may be under way at once; one that finds no slot is lost."""
 _EARLY = 1e-9
@@ -21,8 +70,47 @@ _MOST = 0.5
 """Largest chance of an event in a sample."""
 
 
+def unit_quaternion(attitude: Any) -> ca.SX:
+    """Scale an attitude to length 1, (4,)."""
+    return attitude / ca.sqrt(ca.fmax(ca.sumsqr(attitude), SMALLEST_NORM))
+
+
+def attitude_matrix(attitude: Any) -> ca.SX:
+    """Return R of an attitude of any length, (3, 3)."""
+    return rotations.matrix(attitude) / ca.fmax(ca.sumsqr(attitude), SMALLEST_NORM)
+
+
+def earth_field(strength: Any, inclination: Any) -> ca.SX:
+    """Return the earth's magnetic field in W, (3,) [T].
+
+    Args:
+        strength: F [T].
+        inclination: dip I below the horizon [rad].
+    """
+    return strength * ca.vertcat(ca.cos(inclination), 0, -ca.sin(inclination))
+
+
+def specific_force(
+    R: Any, acceleration: Any, gravity: Any, rate: Any, angular_acceleration: Any, place: Any
+) -> ca.SX:
+    """Return what an ideal accelerometer triad on a rigid body measures, (3,) [m/s2], B.
+
+    Newton-Euler kinematics; at rest it measures +g upwards.
+
+    Args:
+        R: rotation matrix from B to W, (3, 3).
+        acceleration: a_W, (3,) [m/s2].
+        gravity: g [m/s2].
+        rate: w, (3,) [rad/s].
+        angular_acceleration: alpha, (3,) [rad/s2].
+        place: place of the triad in B, (3,) [m].
+    """
+    lever = ca.cross(angular_acceleration, place) + ca.cross(rate, ca.cross(rate, place))
+    return R.T @ (acceleration + ca.vertcat(0, 0, gravity)) + lever
+
+
 def exposed(phase: Any, rate: Any, T: float) -> tuple[Any, Any]:
-    """Whether a tracker exposes at this sample, and its phase at the next one.
+    """Return whether a tracker exposes at this sample, and its phase at the next one.
 
     Args:
         phase: exposures that are due, counted in periods; 1 at the first sample.
@@ -34,12 +122,17 @@ def exposed(phase: Any, rate: Any, T: float) -> tuple[Any, Any]:
 
 
 def chance(rate: Any, T: float) -> Any:
-    """Standard normal draw above which an event of some rate [Hz] happens in a sample."""
+    """Return the standard normal draw above which an event happens in a sample.
+
+    Args:
+        rate: of the events [Hz].
+        T: sample period [s].
+    """
     return -standard_normal(ca.fmin(ca.fmax(rate * T, 1e-12), _MOST))
 
 
 def switched(on: Any, draw: Any, begin: Any, end: Any) -> Any:
-    """A failure that begins and ends at random: whether it holds at the next sample.
+    """Return whether a failure that begins and ends at random holds at the next sample.
 
     Args:
         on: whether it holds now.
@@ -51,7 +144,7 @@ def switched(on: Any, draw: Any, begin: Any, end: Any) -> Any:
 
 
 def queue(size: int) -> type[State]:
-    """Record of the packets that are under way, each of `size` numbers, one a column."""
+    """Make the record of packets that are under way, each of `size` numbers, one a column."""
 
     class Queue(State):
         """Packets under way, the oldest first."""
@@ -65,7 +158,7 @@ def queue(size: int) -> type[State]:
 
 
 def passed(line: Any, sent: Any, packet: Any, latency: Any, T: float) -> tuple[Any, Any, Any, Any]:
-    """One sample of a queue.
+    """Advance a queue by one sample.
 
     Args:
         line: its record.

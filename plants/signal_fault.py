@@ -64,7 +64,7 @@ class Out(Outputs):
 
 
 def step(p: Params, u: In, x: X, T: float, normal: Any) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     uniform = 0.5 * (1 + ca.erf(normal[1] / _ROOT_2))
     lost = uniform < p.dropout
     y = ca.if_else(lost, x.held, p.gain * u.signal + p.offset + p.noise * normal[0])

@@ -14,7 +14,7 @@ from typer.testing import CliRunner
 
 from fmu_src.kit import Runner
 from fmu_src.pack.codegen.c_source import sources
-from fmu_src.pack.compiled_runner import CACHE
+from fmu_src.pack.compiler import host
 from fmu_src.pack.fmu import archive, native
 from fmu_src.pack.fmu.description import content_guid
 from harness.cli.main import app
@@ -40,7 +40,7 @@ def test_the_model_on_the_page_becomes_a_valid_fmu(tmp_path, monkeypatch) -> Non
     settled = Runner(module.MODEL).run(5000, {"position": [1.0, 2.0, 3.0]})["slow"][-1]
     assert settled == pytest.approx([1.0, 2.0, 3.0])
     guid = content_guid(module.MODEL, sources(module.MODEL, ""))
-    files = native.files(module.MODEL, guid, [native.host()], CACHE)
+    files = native.files(module.MODEL, guid, [host()])
     archive.write(tmp_path / "LowPass.fmu", files)
     assert validate_fmu(str(tmp_path / "LowPass.fmu")) == []
 

@@ -132,13 +132,13 @@ class Resting(State):
 
 
 def height(p: Geometry, strokes: Any) -> ca.SX:
-    """Platform height z_c when all stacks have the same stroke [m]."""
+    """Return the platform height z_c when all stacks have the same stroke [m]."""
     lean = p.base_radius - p.platform_radius
     return ca.sqrt((p.leg_length + p.lever_gain * strokes) ** 2 - lean**2)
 
 
 def tilt(p: Geometry, lateral: Any) -> ca.SX:
-    """Quaternion parts e_x, e_y of the platform whose tip is displaced sideways, (2,).
+    """Return quaternion parts e_x, e_y of the platform whose tip is displaced sideways, (2,).
 
     Args:
         p: dimensions.
@@ -158,7 +158,7 @@ def tilt(p: Geometry, lateral: Any) -> ca.SX:
 
 
 def pose(p: Geometry, e: Any, z_c: Any) -> tuple[ca.SX, ca.SX]:
-    """Platform that keeps the pin planes, and its tip.
+    """Return the platform that keeps the pin planes, and its tip.
 
     Args:
         p: dimensions.
@@ -184,7 +184,7 @@ def pose(p: Geometry, e: Any, z_c: Any) -> tuple[ca.SX, ca.SX]:
 
 
 def inverse(p: Geometry, displacement: Any) -> ca.SX:
-    """Strokes that bring the tip to a place, not limited to the stacks' range, (3,) [m].
+    """Return strokes that bring the tip to a place, beyond the stacks' range if need be, (3,) [m].
 
     Args:
         p: dimensions.
@@ -198,7 +198,7 @@ def inverse(p: Geometry, displacement: Any) -> ca.SX:
 
 
 def settle(p: Geometry, strokes: Any) -> ca.SX:
-    """Tilt e_x, e_y and height z_c [m] of the platform at some strokes, (3,).
+    """Solve for tilt e_x, e_y and height z_c [m] of the platform at some strokes, (3,).
 
     Newton's method on the legs' lengths. Where no platform fits on legs so unequal, what comes out
     is finite, and no more.
@@ -223,7 +223,7 @@ def settle(p: Geometry, strokes: Any) -> ca.SX:
 
 
 def tip_displacement(p: Geometry, settled: Any) -> ca.SX:
-    """Tip of a settled platform less tip at zero stroke, d, in frame 0, (3,) [m].
+    """Return d, tip of a settled platform less tip at zero stroke, frame 0, (3,) [m].
 
     Args:
         p: dimensions.
@@ -234,7 +234,7 @@ def tip_displacement(p: Geometry, settled: Any) -> ca.SX:
 
 
 def forward(p: Geometry, strokes: Any) -> ca.SX:
-    """Where strokes bring the tip: d, in frame 0, (3,) [m].
+    """Return d, the displacement of the tip by strokes, frame 0, (3,) [m].
 
     Args:
         p: dimensions.
@@ -244,7 +244,7 @@ def forward(p: Geometry, strokes: Any) -> ca.SX:
 
 
 def limited(p: Geometry, strokes: Any) -> tuple[ca.SX, ca.SX]:
-    """Strokes in range that bring the tip nearest to where others would, and whether those were.
+    """Limit strokes to those in range with the nearest tip; tell whether they were in range.
 
     Args:
         p: dimensions.
@@ -279,7 +279,7 @@ def limited(p: Geometry, strokes: Any) -> tuple[ca.SX, ca.SX]:
 
 
 def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
-    """One sample."""
+    """Compute one sample."""
     strokes, reachable = limited(p, inverse(p, u.displacement))
     return x, Out(strokes=strokes, reachable=reachable)
 

@@ -50,7 +50,7 @@ class Resting(State):
 
 
 def jacobian(p: Geometry, settled: Any) -> ca.SX:
-    """J, displacement of the tip by stroke, row axis of frame 0, column stack, (3, 3).
+    """Return J, displacement of the tip by stroke, rows axes of frame 0, columns stacks, (3, 3).
 
     Args:
         p: dimensions.
@@ -64,7 +64,7 @@ def jacobian(p: Geometry, settled: Any) -> ca.SX:
 
 
 def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
-    """One sample."""
+    """Compute one sample."""
     settled = parallel_3dof.settle(p, u.strokes)
     return x, Out(
         displacement=parallel_3dof.tip_displacement(p, settled), jacobian=jacobian(p, settled)

@@ -1,61 +1,21 @@
-"""Find the models and build their FMUs, each only when its content has changed."""
+"""Build the FMUs of models, each only when its content has changed."""
 
-import difflib
-import importlib
-import pkgutil
 import sys
 from collections.abc import Callable, Collection, Iterable, Iterator, Sequence
 from contextlib import contextmanager
-from functools import cache, partial
+from functools import partial
 from pathlib import Path
 
 from fmu_src.errors import SteadytipError
 from fmu_src.kit import Model
-from fmu_src.pack import cache as store
-from fmu_src.pack import fingerprint as sources
-from fmu_src.pack.fmu import archive, native
+from fmu_src.pack import cache, compiler, fingerprint
+from fmu_src.pack.discovery import load_model, model_names
+from fmu_src.pack.fmu import archive
+
+__all__ = ["FLAVOURS", "build", "build_file", "load_model", "model_names"]
 
 FLAVOURS = ("native", "python")
-_NOT_MODELS = ("fmu_src.kit", "fmu_src.pack")
 _BUILD = Path("build")
-
-
-@cache
-def _modules() -> dict[str, str]:
-    """Module of each model, by the model's name; a module with a `MODEL` is one."""
-    found = {}
-    for package in sources.PACKAGES:
-        for info in pkgutil.walk_packages(package.__path__, package.__name__ + "."):
-            if info.ispkg or info.name.startswith(_NOT_MODELS):
-                continue
-            model = getattr(importlib.import_module(info.name), "MODEL", None)
-            if isinstance(model, Model):
-                found[model.name] = info.name
-    return found
-
-
-def model_names() -> list[str]:
-    """Names of all models, sorted."""
-    return sorted(_modules())
-
-
-def load_model(name: str) -> Model:
-    """The model of that name.
-
-    Raises:
-        SteadytipError: there is none; names the nearest.
-    """
-    for home in sources.homes(name):
-        found = getattr(importlib.import_module(home), "MODEL", None)
-        if isinstance(found, Model) and found.name == name:
-            return found
-    modules = _modules()
-    if name not in modules:
-        near = difflib.get_close_matches(name, modules, 1)
-        hint = f"; the nearest is '{near[0]}'" if near else ""
-        raise SteadytipError(f"no model '{name}'{hint}. There are: {', '.join(sorted(modules))}")
-    model: Model = importlib.import_module(modules[name]).MODEL
-    return model
 
 
 def build(
@@ -88,7 +48,7 @@ def build(
         raise SteadytipError(f"flavour '{flavour}' must be one of {', '.join(FLAVOURS)}")
     folder = out or _BUILD / "fmus" / flavour
     wanted = model_names() if names is None else names
-    platforms = native.chosen(targets) if flavour == "native" else []
+    platforms = compiler.chosen(targets) if flavour == "native" else []
     return {
         name: build_file(
             folder / f"{name}.fmu", [name], partial(load_model, name), flavour, platforms, progress
@@ -123,21 +83,21 @@ def build_file(
     Raises:
         SteadytipError: what `load` raises, or a compiler that refuses.
     """
-    content = sources.digest(sources.made_of(models), flavour, plan)
+    content = fingerprint.digest(fingerprint.made_of(models), flavour, plan)
     if _is_current(path, content, platforms):
         return path
     path.parent.mkdir(parents=True, exist_ok=True)
-    with _alone(path.with_suffix(".lock")):
+    with _locked(path.with_suffix(".lock")):
         if not _is_current(path, content, platforms):
             built = ",".join(platforms or ["any"])
-            made = partial(_made, load, flavour, platforms, progress)
-            archive.place(path, store.recall(_BUILD / "c" / "fmus", f"{content}-{built}", made))
+            make = partial(_package, load, flavour, platforms, progress)
+            cache.write(path, cache.recall(_BUILD / "c" / "fmus", f"{content}-{built}", make))
             path.with_suffix(".stamp").write_text(f"{content} {built}", encoding="utf-8")
     return path
 
 
 def _is_current(path: Path, content: str, platforms: list[str]) -> bool:
-    """Whether an FMU was built of that, and for these platforms; for more will do."""
+    """Tell whether an FMU was built of that content and, at least, for these platforms."""
     stamp = path.with_suffix(".stamp")
     if not (path.is_file() and stamp.is_file()):
         return False
@@ -146,8 +106,8 @@ def _is_current(path: Path, content: str, platforms: list[str]) -> bool:
 
 
 @contextmanager
-def _alone(lock: Path) -> Iterator[None]:
-    """Until another process that holds the lock has built, where the system has such locks."""
+def _locked(lock: Path) -> Iterator[None]:
+    """Wait until no other process builds the same FMU, where the system has such locks."""
     with lock.open("w") as file:
         if sys.platform != "win32":
             import fcntl
@@ -156,21 +116,22 @@ def _alone(lock: Path) -> Iterator[None]:
         yield
 
 
-def _made(
+def _package(
     load: Callable[[], Model],
     flavour: str,
     platforms: list[str],
     progress: Callable[[str], None],
 ) -> bytes:
-    from fmu_src.pack.codegen import c_source as csource
+    """Return the bytes of a model's FMU."""
+    from fmu_src.pack.codegen import c_source
     from fmu_src.pack.docs import documents
-    from fmu_src.pack.fmu import description, python_flavour
+    from fmu_src.pack.fmu import description, native, python_flavour
 
     model = load()
     progress(model.name)
-    guid = description.content_guid(model, csource.sources(model, ""))
+    guid = description.content_guid(model, c_source.sources(model, ""))
     if flavour == "python":
         files = python_flavour.files(model, guid)
     else:
-        files = native.files(model, guid, platforms, _BUILD / "c")
+        files = native.files(model, guid, platforms)
     return archive.packed({**files, **documents.files(model, flavour)})

@@ -5,19 +5,16 @@ the library is kept in the build folder, under a name that its sources determine
 """
 
 import ctypes
-import hashlib
 from collections.abc import Mapping
 from functools import cache
-from importlib.metadata import version
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from fmu_src.kit import Model
 from fmu_src.kit.runner import Runner
-from fmu_src.pack.codegen import c_source as csource
-from fmu_src.pack.fmu import native
+from fmu_src.pack.codegen import c_source
+from fmu_src.pack.compiler import compile_library
 
 _LOOP = """
 #include <math.h>
@@ -38,23 +35,17 @@ void run(int n, const double* p, const double* d, const double* u, const double*
     }
 }
 """
-CACHE = Path("build") / "c"
-"""Of the compiler, and of the libraries."""
 
 
 @cache
 def _compiled(model: Model) -> Any:
+    """Return the function `run` of a model's library."""
     texts = {
-        csource.ENTRY: _LOOP,
-        "functions.c": csource.functions(model),
-        "model.h": csource.header(model, ""),
+        "run.c": _LOOP,
+        "functions.c": c_source.functions(model),
+        "model.h": c_source.header(model, ""),
     }
-    (part, *_) = native.TARGETS[native.host()]
-    named = "\n".join([*texts.values(), part.triple, version("ziglang")])
-    digest = hashlib.sha256(named.encode()).hexdigest()[:32]
-    library = (CACHE / "runs" / f"{digest}{part.suffix}").resolve()
-    native.kept(library, lambda: native.compile_library(model.name, texts, part, CACHE))
-    return ctypes.CDLL(str(library)).run
+    return ctypes.CDLL(str(compile_library(model.name, texts, entry="run.c"))).run
 
 
 class CompiledRunner(Runner):

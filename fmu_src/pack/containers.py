@@ -7,8 +7,9 @@ from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 from fmu_src.kit.container import Container, Link, Member, contain
-from fmu_src.pack.build import build_file, load_model
-from fmu_src.pack.fmu import native
+from fmu_src.pack import compiler
+from fmu_src.pack.build import build_file
+from fmu_src.pack.discovery import load_model
 
 
 @dataclass(frozen=True)
@@ -31,11 +32,11 @@ class Plan:
 
     @property
     def digest(self) -> str:
-        """Of everything in the plan, hexadecimal."""
+        """Digest of everything in the plan, hexadecimal."""
         return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()
 
     def contain(self) -> Container:
-        """The container.
+        """Return the container.
 
         Raises:
             SteadytipError: see `fmu_src.kit.container.contain`; or no such model.
@@ -69,5 +70,5 @@ def build_container(
     """
     models = [model for _, model in plan.members]
     return build_file(
-        path, models, plan.contain, "native", native.chosen(targets), progress, plan.digest
+        path, models, plan.contain, "native", compiler.chosen(targets), progress, plan.digest
     )

@@ -1,4 +1,4 @@
-"""Which source files an FMU is made of, found without importing a model.
+"""Find the source files that an FMU is made of, without importing a model.
 
 An FMU is a function of its models' modules, of all that these import from the project, of the
 package that packs, and of the tools it calls. Imports are read off the text; what looks like an
@@ -6,27 +6,15 @@ import and is none does no harm.
 """
 
 import hashlib
-import importlib
 import importlib.metadata
 import re
 from collections.abc import Iterable, Iterator
 from functools import cache
-from pathlib import Path, PurePosixPath
-from types import ModuleType
+from pathlib import PurePosixPath
 
-GROUP = "steadytip.models"
-_BUILT_IN = ("fmu_src", "plants")
+from fmu_src.pack.discovery import NOT_MODELS, TEXTS, module_of
 
-
-def _packages() -> tuple[ModuleType, ...]:
-    """Import the packages that hold models: ours, and those of the entry point group `GROUP`."""
-    others = {point.value for point in importlib.metadata.entry_points(group=GROUP)}
-    return tuple(map(importlib.import_module, (*_BUILT_IN, *sorted(others - {*_BUILT_IN}))))
-
-
-PACKAGES = _packages()
-_NOT_MODELS = ("fmu_src/kit/", "fmu_src/pack/")
-_ALWAYS = ("fmu_src/__init__.py", "fmu_src/errors.py", *_NOT_MODELS)
+_ALWAYS = ("fmu_src/__init__.py", "fmu_src/errors.py", *NOT_MODELS)
 """In every FMU, beside what its models import."""
 _TOOLS = ("casadi", "numpy", "ziglang", "pythonfmu")
 _IMPORT = re.compile(
@@ -36,35 +24,14 @@ _IMPORT = re.compile(
 _NAME = re.compile(r"[\w.]+")
 
 
-def _read() -> dict[str, str]:
-    """Every source file of the packages, by its path below their common folder."""
-    found = {}
-    for package in PACKAGES:
-        root = Path(str(package.__file__)).parent
-        for file in sorted(root.rglob("*")):
-            if file.suffix in (".py", ".c"):
-                name = file.relative_to(root.parent).as_posix()
-                found[name] = file.read_text(encoding="utf-8")
-    return found
-
-
-TEXTS = _read()
-"""Taken on import, before any model is: sources that change later must not pass for those built."""
-
-
-def homes(name: str) -> list[str]:
-    """Modules, as dotted names, that may hold the model of that name: those that quote it."""
-    return [
-        file.removesuffix(".py").replace("/", ".")
-        for file, text in TEXTS.items()
-        if file.endswith(".py") and not file.startswith(_NOT_MODELS) and f'"{name}"' in text
-    ]
-
-
 def made_of(names: Iterable[str]) -> tuple[str, ...]:
-    """Files that FMUs of these models, or of a container of them, are made of, sorted."""
+    """Return the files that FMUs of some models, or of a container of them, are made of, sorted.
+
+    Raises:
+        SteadytipError: no such model.
+    """
     found = {file for file in TEXTS if file.startswith(_ALWAYS)}
-    waiting = {file for name in names for home in homes(name) for file in _files(home)}
+    waiting = {file for name in names for file in _files(module_of(name))}
     while waiting:
         found |= waiting
         waiting = {imported for file in waiting for imported in _imports(file)} - found
@@ -72,7 +39,7 @@ def made_of(names: Iterable[str]) -> tuple[str, ...]:
 
 
 def digest(files: Iterable[str], *words: str) -> str:
-    """Hash of the content of some files, of the tools' versions, and of some words."""
+    """Hash the content of some files, the tools' versions, and some words."""
     tools = [f"{tool} {_version(tool)}" for tool in _TOOLS]
     found = hashlib.sha256("\n".join([*words, *tools]).encode())
     for file in files:
@@ -87,7 +54,7 @@ def _content(file: str) -> str:
 
 @cache
 def _imports(file: str) -> frozenset[str]:
-    """Files of the project that a file imports, directly."""
+    """Return the files of the project that a file imports, directly."""
     if not file.endswith(".py"):
         return frozenset()
     package = ".".join(PurePosixPath(file).parent.parts)
@@ -105,7 +72,7 @@ def _imports(file: str) -> frozenset[str]:
 
 
 def _files(module: str) -> Iterator[str]:
-    """The file of a module of the project and those of the packages that it is in."""
+    """Yield the file of a module of the project and those of the packages that it is in."""
     steps = module.split(".")
     for count in range(1, len(steps) + 1):
         stem = "/".join(steps[:count])

@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from fmu_src.kit import Model
-from fmu_src.pack.build import load_model, model_names
+from fmu_src.pack.discovery import load_model, model_names
 from fmu_src.pack.docs.variables import Row, rows, source
 
 PAGE = Path(__file__).parents[1] / "MODELS.md"
@@ -19,7 +19,7 @@ _TITLES = {"parameters": "Parameters", "inputs": "Inputs", "outputs": "Outputs"}
 
 
 def page() -> str:
-    """The whole page."""
+    """Return the whole page, in Markdown."""
     models = [load_model(name) for name in model_names()]
     lines = [
         "# Models",

@@ -93,12 +93,12 @@ class Pace(Derived):
 
 
 def derive(p: Creeping, T: float) -> Pace:
-    """Creep in a sample."""
+    """Compute the creep in a sample."""
     return Pace(share=1 - ca.exp(-T / p.creep_time))
 
 
 def creep(p: Creeping, pace: Pace, x: Memory) -> tuple[ca.SX, ca.SX]:
-    """Creep at the end of a sample, which the voltage held in it does not move yet.
+    """Return the creep at the end of a sample, which its voltage does not move yet.
 
     Args:
         p: thresholds and weights.
@@ -116,12 +116,12 @@ def creep(p: Creeping, pace: Pace, x: Memory) -> tuple[ca.SX, ca.SX]:
 
 
 def remembered(p: Creeping, crept: Any, volts: Any, x: Memory) -> Memory:
-    """Memory after a voltage has been held for a sample."""
+    """Return the memory after a voltage has been held for a sample."""
     return Memory(plays=remember(p, volts, x.plays), crept=crept, volts=volts)
 
 
 def step(p: Creeping, u: In, x: Memory, T: float, derived: Pace) -> tuple[Memory, Out]:
-    """One sample."""
+    """Compute one sample."""
     crept, added = creep(p, derived, x)
     following = remembered(p, crept, u.volts, x)
     y = ca.dot(p.weights, following.plays) + added

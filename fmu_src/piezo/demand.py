@@ -44,7 +44,7 @@ class Demand(State):
 
 
 def ahead(stroke: Any, x: Demand, samples: Any) -> tuple[ca.SX, ca.SX]:
-    """Demand a horizon later, y [m], and how fast it rises there [m/sample].
+    """Return the demand a horizon later, y [m], and its rise there [m/sample].
 
     Args:
         stroke: demand of now [m].
@@ -58,5 +58,5 @@ def ahead(stroke: Any, x: Demand, samples: Any) -> tuple[ca.SX, ca.SX]:
 
 
 def seen(stroke: Any, x: Demand) -> Demand:
-    """Demands after this one."""
+    """Return the demands after this one."""
     return Demand(before=stroke, earlier=x.before, started=ca.fmin(x.started + 1, 2.0))

@@ -48,12 +48,12 @@ class Precomputed(Derived):
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """The inverse operator, and creep in a sample."""
+    """Compute the inverse operator, and creep in a sample."""
     return Precomputed(inverse=invert(p.hysteresis), pace=creeping.derive(p.hysteresis, T))
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     wanted, _ = ahead(u.stroke, x.demand, p.horizon / T)
     crept, added = creeping.creep(p.hysteresis, derived.pace, x.stack)
     volts, limited, _ = drive(

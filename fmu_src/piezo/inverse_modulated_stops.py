@@ -36,6 +36,7 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit.functions import by_elements
 from fmu_src.kit.records import Derived, Inputs, boolean, real
 from fmu_src.math.pairwise import smallest, total
 from fmu_src.piezo import demand, modulated_stops
@@ -131,11 +132,11 @@ class Piece:
         return self.p.polynomial[1] + self.low_slope - self.high_slope
 
     def stroke(self, a: Any) -> Any:
-        """What the voltage of this sample makes of the stroke [m]."""
+        """Return the part of the stroke that depends on this sample's voltage [m]."""
         return a * (self.linear + a * (self.square + a * self.p.polynomial[2])) - self.low
 
     def solved(self, wanted: Any, start: Any, bottom: Any, top: Any, steps: int) -> tuple[Any, Any]:
-        """Share of the span within bottom and top at which the stroke is wanted, and last step."""
+        """Solve for the share of the span with the stroke wanted; return it and the last step."""
         least = modulated_stops.SMALLEST_SLOPE * modulated_stops.NOMINAL * self.p.span
         a = before = ca.fmin(ca.fmax(start, bottom), top)
         for _ in range(steps):
@@ -149,7 +150,7 @@ class Piece:
 def nearby(
     p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
 ) -> tuple[Any, Any]:
-    """Voltage that gives a stroke, if there is no break point between it and the last one.
+    """Find the voltage for a stroke if no break point lies between it and the last one.
 
     Args:
         p: the operator.
@@ -192,7 +193,7 @@ def nearby(
 
 
 def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
-    """Voltage that gives a stroke, within the amplifier's range, whatever lies between [V].
+    """Find the voltage for a stroke within the amplifier's range, across break points [V].
 
     Args:
         p: the operator.
@@ -206,12 +207,12 @@ def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Mem
     lowest, highest = amplifier.lowest * derived.share, amplifier.highest * derived.share
 
     def value(a: Any, low: Any, low_slope: Any, high: Any, high_slope: Any) -> Any:
-        """Stroke at a, where the stops sum up to low + low_slope a, and high + high_slope a."""
+        """Return the stroke at a, with stops of low + low_slope a and high + high_slope a."""
         held = (1 - a) * (low + low_slope * a) + a * (high + high_slope * a)
         return modulated_stops.loading(p, a) + derived.steepness * a - held
 
     def at_corners(side: float) -> tuple[Any, Any]:
-        """Break points on one side of the memory, and the strokes there.
+        """Return the break points on one side of the memory, and the strokes there.
 
         Those of wider plays lie farther out, so that at the i-th one the stops up to i are at
         their ends, and the others still run with the voltage.
@@ -245,14 +246,10 @@ def anywhere(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Mem
 
 
 def _solving() -> ca.Function:
-    """(operator, constants, range, stroke, memory) -> volts."""
-    records = (Stops, Constants, Range, Memory)
-    p, d, a, x = (ca.SX.sym(record.__name__, record.size()) for record in records)
-    stroke = ca.SX.sym("stroke")
-    arguments = [p, d, a, stroke, x]
-    unpacked = (Stops.unpack(p), Constants.unpack(d), Range.unpack(a), stroke, Memory.unpack(x))
-    near = ca.Function("nearby", arguments, list(nearby(*unpacked)), {"cse": True})
-    far = ca.Function("anywhere", arguments, [anywhere(*unpacked)], {"cse": True})
+    """Record (operator, constants, range, stroke, memory) -> volts."""
+    records = (Stops, Constants, Range, 1, Memory)
+    near = by_elements("nearby", nearby, *records)
+    far = by_elements("anywhere", anywhere, *records)
     given = near.mx_in()
     volts, found = near(*given)
     # The search costs four times as much, and few samples need it: calls are not to be inlined,
@@ -265,7 +262,7 @@ SOLVE = _solving()
 
 
 def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory) -> Any:
-    """Voltage at which the operator gives a stroke, within the amplifier's range [V].
+    """Find the voltage for a stroke, within the amplifier's range [V].
 
     Args:
         p: the operator.
@@ -280,7 +277,7 @@ def solve(p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
 def drive(
     p: Stops, derived: Constants, amplifier: Range, stroke: Any, x: Memory
 ) -> tuple[ca.SX, ca.SX, Memory]:
-    """Voltage that gives a stroke at the end of the sample.
+    """Find the voltage that gives a stroke at the end of the sample.
 
     Args:
         p: the operator.
@@ -301,12 +298,12 @@ def drive(
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """Constants of the operator."""
+    """Compute the constants of the operator."""
     return Precomputed(operator=modulated_stops.derive(p.operator, T))
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     # A measured stroke belongs to the demand of the same instant; one that is ahead already, to
     # the sample before.
     answered = ca.if_else(p.horizon > 0, u.stroke, x.demand.before)

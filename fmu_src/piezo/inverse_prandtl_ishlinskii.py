@@ -101,7 +101,7 @@ class Out(Outputs):
 
 
 def invert(p: Hysteresis) -> Inverse:
-    """Weights and thresholds of the inverse (7.13, 7.14)."""
+    """Compute weights and thresholds of the inverse (7.13, 7.14)."""
     slopes, weights, thresholds, plays_rise = _mirror(p.weights, p.thresholds, SMALLEST_SLOPE)
     _, saturation, dead_zones, zones_rise = _mirror(
         p.saturation, p.dead_zones, SMALLEST_SLOPE * NOMINAL
@@ -140,7 +140,7 @@ def _mirror(weights: Any, thresholds: Any, smallest: float) -> tuple[ca.SX, ca.S
 def drive(
     p: Hysteresis, inverse: Inverse, amplifier: Range, stroke: Any, plays: Any, there: Any = 0.0
 ) -> tuple[ca.SX, ca.SX, ca.SX]:
-    """Voltage that gives a stroke.
+    """Find the voltage that gives a stroke.
 
     Args:
         p: the operator.
@@ -169,12 +169,12 @@ def drive(
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """The inverse operator."""
+    """Compute the inverse operator."""
     return Precomputed(inverse=invert(p.hysteresis))
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     wanted, _ = ahead(u.stroke, x.demand, p.horizon / T)
     volts, limited, plays = drive(p.hysteresis, derived.inverse, p.amplifier, wanted, x.plays)
     return X(plays=plays, demand=seen(u.stroke, x.demand)), Out(volts=volts, limited=limited)

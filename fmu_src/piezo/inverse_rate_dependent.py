@@ -65,14 +65,14 @@ class Precomputed(Derived):
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """Where the inverse exists."""
+    """Compute the range in which the inverse exists."""
     return Precomputed(limits=rate_dependent.derive(p.hysteresis, T))
 
 
 def drive(
     p: RateDependence, limits: Limits, amplifier: Range, stroke: Any, rate: Any, plays: Any
 ) -> tuple[ca.SX, ca.SX, ca.SX, ca.SX]:
-    """Voltage that gives a stroke at a rate.
+    """Find the voltage that gives a stroke at a rate.
 
     Args:
         p: the operator.
@@ -92,7 +92,7 @@ def drive(
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     wanted, rise = ahead(u.stroke, x.demand, p.horizon / T)
     rate = ca.if_else(u.rate_valid, u.rate, rise / T)
     volts, limited, plays, singular = drive(

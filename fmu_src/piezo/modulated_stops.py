@@ -136,7 +136,7 @@ class Constants(Derived):
 
 
 def derive(p: Stops, T: float) -> Constants:
-    """Transition of creep, and whether there is an inverse."""
+    """Compute the transition of creep, and whether there is an inverse."""
     steepness = p.lead * p.polynomial[0] / T
     bend = ca.dot(ca.fabs(p.weights_high - p.weights_low), p.thresholds) / p.span
     slopes = [
@@ -161,7 +161,7 @@ def derive(p: Stops, T: float) -> Constants:
 
 
 def remember(p: Stops, derived: Constants, volts: Any, x: Memory) -> Memory:
-    """Memory after a voltage has been held for a sample."""
+    """Return the memory after a voltage has been held for a sample."""
     return Memory(
         plays=ca.fmax(volts - p.thresholds, ca.fmin(volts + p.thresholds, x.plays)),
         crept=creep(p, derived, x),
@@ -170,30 +170,30 @@ def remember(p: Stops, derived: Constants, volts: Any, x: Memory) -> Memory:
 
 
 def resting(p: Stops, volts: Any) -> Memory:
-    """Memory of a stack that has gone from 0 V to a voltage and been there for long."""
+    """Return the memory of a stack that has gone from 0 V to a voltage and rested there."""
     plays = ca.fmax(volts - p.thresholds, ca.fmin(volts + p.thresholds, 0.0))
     return Memory(plays=plays, crept=ca.repmat(volts / p.span, LAGS, 1), volts=volts)
 
 
 def creep(p: Stops, derived: Constants, x: Memory) -> ca.SX:
-    """Creep at the end of a sample, which the voltage held in it does not move yet, (LAGS,)."""
+    """Return the creep at the end of a sample, which its voltage does not move yet, (LAGS,)."""
     aim = x.volts * derived.share
     return aim + (x.crept - aim) * derived.left
 
 
 def settled(p: Stops, derived: Constants, x: Memory) -> ca.SX:
-    """What the stroke holds whatever the voltage of this sample [m]."""
+    """Return the part of the stroke that does not depend on the voltage of this sample [m]."""
     crept = total(p.creep * creep(p, derived, x))
     return crept - derived.steepness * (x.volts * derived.share)
 
 
 def loading(p: Stops, a: Any) -> ca.SX:
-    """Stroke without hysteresis, creep and lead at a share of the span [m]."""
+    """Return the stroke without hysteresis, creep and lead at a share of the span [m]."""
     return a * (p.polynomial[0] + a * (p.polynomial[1] + a * p.polynomial[2]))
 
 
 def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memory, Out]:
-    """One sample."""
+    """Compute one sample."""
     following = remember(p, derived, u.volts, x)
     a = u.volts * derived.share
     left = u.volts - following.plays

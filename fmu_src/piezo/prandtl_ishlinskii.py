@@ -104,7 +104,7 @@ class Out(Outputs):
 
 
 def remember(p: Hysteresis, volts: Any, plays: Any) -> ca.SX:
-    """Plays after a voltage has been applied (7.1), (PLAYS,) [V].
+    """Return the plays after a voltage has been applied (7.1), (PLAYS,) [V].
 
     Args:
         p: thresholds.
@@ -115,7 +115,7 @@ def remember(p: Hysteresis, volts: Any, plays: Any) -> ca.SX:
 
 
 def respond(p: Hysteresis, plays: Any) -> ca.SX:
-    """Stroke that belongs to a memory (7.9), scalar [m].
+    """Return the stroke that belongs to a memory (7.9), scalar [m].
 
     Args:
         p: thresholds and weights.
@@ -125,12 +125,12 @@ def respond(p: Hysteresis, plays: Any) -> ca.SX:
 
 
 def stops(value: Any, thresholds: Any) -> ca.SX:
-    """One-sided dead zones (7.7), the first of them open, (DEAD_ZONES,), in the value's unit."""
+    """Apply one-sided dead zones (7.7), the first one open, (DEAD_ZONES,), in the value's unit."""
     return ca.vertcat(value, ca.fmax(value - thresholds[1:], 0.0))
 
 
 def step(p: Hysteresis, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     plays = remember(p, u.volts, x.plays)
     return X(plays=plays), Out(stroke=respond(p, plays))
 

@@ -114,18 +114,18 @@ class Limits(Derived):
 
 
 def slopes(p: RateDependence, rate: Any) -> ca.SX:
-    """W, slopes of the loading curve at a rate not below 0, (PLAYS,), unlimited (7.17)."""
+    """Return W, slopes of the loading curve at a rate not below 0, (PLAYS,), unlimited (7.17)."""
     moved = ca.fmin(rate, p.rate_limits) - ca.fmin(p.reference_rate, p.rate_limits)
     return ca.cumsum(p.weights) + p.rate_slopes * moved
 
 
 def weights(curve: Any) -> ca.SX:
-    """w, weights of the plays that make slopes W, (PLAYS,) (7.18)."""
+    """Return w, weights of the plays that make slopes W, (PLAYS,) (7.18)."""
     return ca.vertcat(curve[0], curve[1:] - curve[:-1])
 
 
 def derive(p: RateDependence, T: float) -> Limits:
-    """Singular rate, and whether there is an inverse below it."""
+    """Compute the singular rate, and whether there is an inverse below it."""
     resting = slopes(p, 0.0)
     falling = ca.logic_and(p.rate_slopes < 0, slopes(p, p.rate_limits) < SMALLEST_SLOPE)
     fall = ca.if_else(falling, p.rate_slopes, -1.0)
@@ -137,7 +137,7 @@ def derive(p: RateDependence, T: float) -> Limits:
 
 
 def at_rate(p: RateDependence, limits: Limits, rate: Any) -> tuple[RateDependence, ca.SX]:
-    """The operator at a rate, or at the singular one where it is faster than that.
+    """Return the operator at a rate, or at the singular rate where that is lower.
 
     Args:
         p: thresholds, weights and their dependence.
@@ -154,7 +154,7 @@ def at_rate(p: RateDependence, limits: Limits, rate: Any) -> tuple[RateDependenc
 
 
 def step(p: RateDependence, u: In, x: X, T: float, derived: Limits) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     now, singular = at_rate(p, derived, u.rate)
     plays = remember(p, u.volts, x.plays)
     return X(plays=plays), Out(stroke=respond(now, plays), singular=singular)

@@ -129,7 +129,7 @@ class X(State):
 
 
 def derive(p: Params, T: float) -> Weights:
-    """Band-pass for the horizon, and forgetting."""
+    """Compute the band-pass for the horizon, and forgetting."""
     past, later = zero_phase.taps(
         p, p.horizon, partial(phasors.wash_out_undone, p.wash_out), STRIDE * T, AHEAD
     )
@@ -137,7 +137,7 @@ def derive(p: Params, T: float) -> Weights:
 
 
 def _corrector() -> ca.Function:
-    """(moves, (ORDER + 1,), a, triangle of P, r, l) -> (a, triangle of P, r), for one axis."""
+    """Record (moves, (ORDER + 1,), a, triangle of P, r, l) -> (a, triangle of P, r), of an axis."""
     sizes = (ORDER + 1, ORDER, 1, 1)
     moves, a, r, left = (ca.SX.sym(n, k) for n, k in zip("varl", sizes, strict=True))
     triangle = ca.SX.sym("triangle", LOWER.nnz())
@@ -155,7 +155,7 @@ def _corrector() -> ca.Function:
 
 
 def _forecaster(strides: int, reach: float) -> ca.Function:
-    """(moves, (ORDER,), a) -> moves to come, (strides,), for one axis.
+    """Record (moves, (ORDER,), a) -> moves to come, (strides,), for one axis.
 
     Args:
         strides: how many.
@@ -176,7 +176,7 @@ NEXT = _forecaster(1, 1.0).map(AXES)
 
 
 def moves(motion: Any, count: int) -> Any:
-    """v, from stride to stride, newest first, (count, AXES) [m].
+    """Return v, from stride to stride, newest first, (count, AXES) [m].
 
     Args:
         motion: newest first, (AXES, HISTORY) [m].
@@ -187,7 +187,7 @@ def moves(motion: Any, count: int) -> Any:
 
 
 def moved(u: In, x: X) -> tuple[Any, Any]:
-    """Motion with this sample, (AXES, HISTORY), and origin of the motion, (AXES,) [m]."""
+    """Return the motion with this sample, (AXES, HISTORY), and its origin, (AXES,) [m]."""
     a_stride_ago = x.motion[:, STRIDE - 1 :]
     onward = FADING * NEXT(moves(a_stride_ago, ORDER), x.coefficients).T
     now, origin = phasors.count(u.position, u.valid, a_stride_ago[:, 0] + onward, x)
@@ -195,7 +195,7 @@ def moved(u: In, x: X) -> tuple[Any, Any]:
 
 
 def found(derived: Weights, motion: Any, x: X) -> Out:
-    """Tremor in a motion, by the coefficients of the sample before.
+    """Compute the tremor in a motion, by the coefficients of the sample before.
 
     Args:
         derived: what follows from the parameters.
@@ -208,12 +208,12 @@ def found(derived: Weights, motion: Any, x: X) -> Out:
 
 
 def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
-    """Outputs of a sample alone."""
+    """Return the outputs of a sample alone."""
     return found(derived, moved(u, x)[0], x)
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     motion, origin = moved(u, x)
     last = x.coefficients, x.covariance, x.unrest.T
     corrected = CORRECT(moves(motion, ORDER + 1), *last, derived.left)

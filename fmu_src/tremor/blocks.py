@@ -11,43 +11,39 @@ that a compiler turns into a few hundred instructions, where general sparse ones
 product. No module of FMUs, but what those that solve equations are made of.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from functools import cache
 from typing import Any
 
 import casadi as ca
 
-
-def _recorded(name: str, function: Callable[..., Any], *shapes: ca.Sparsity) -> ca.Function:
-    arguments = [ca.SX.sym(f"a{i}", shape) for i, shape in enumerate(shapes)]
-    found = function(*arguments)
-    return ca.Function(name, arguments, list(found) if isinstance(found, tuple) else [found])
+from fmu_src.kit.functions import by_elements
 
 
 def _triangular(size: int) -> ca.Sparsity:
-    """Below the diagonal."""
+    """Return the sparsity pattern below the diagonal."""
     return ca.tril(ca.DM.ones(size, size), False).sparsity()
 
 
 @cache
 def _less(rows: int, size: int) -> ca.Function:
-    """(A, W, L) -> A - W L^T, of a block beside the diagonal or of the right side's row."""
+    """Record (A, W, L) -> A - W L^T, for a block beside the diagonal or the right side's row."""
     block = ca.Sparsity.dense(rows, size)
-    return _recorded(
+    return by_elements(
         "less", lambda A, W, L: A - W @ L.T, block, block, ca.Sparsity.dense(size, size)
     )
 
 
 @cache
 def _less_below(size: int) -> ca.Function:
-    """The same of a block on the diagonal: its lower half."""
+    """Record (A, W, L) -> lower half of A - W L^T, for a block on the diagonal."""
     half, whole = ca.Sparsity.lower(size), ca.Sparsity.dense(size, size)
-    return _recorded("less_below", lambda A, W, L: A - ca.tril(W @ L.T), half, whole, whole)
+    return by_elements("less_below", lambda A, W, L: A - ca.tril(W @ L.T), half, whole, whole)
 
 
 @cache
 def _factored(size: int) -> ca.Function:
-    """A, its lower half, -> L without its diagonal, 1 / D."""
+    """Record A, its lower half, -> L without its diagonal, 1 / D."""
 
     def factored(A: Any) -> tuple[Any, Any]:
         lower = ca.SX(_triangular(size), 0)
@@ -60,12 +56,12 @@ def _factored(size: int) -> ca.Function:
                 lower[i, j] = rest / pivots[j]
         return lower, 1 / ca.vertcat(*pivots)
 
-    return _recorded("factored", factored, ca.Sparsity.lower(size))
+    return by_elements("factored", factored, ca.Sparsity.lower(size))
 
 
 @cache
 def _across(rows: int, size: int) -> ca.Function:
-    """(A, L without its diagonal, 1 / D) -> W, W D^-1."""
+    """Record (A, L without its diagonal, 1 / D) -> W, W D^-1."""
 
     def across(A: Any, lower: Any, inverse: Any) -> tuple[Any, Any]:
         columns: list[Any] = []
@@ -74,7 +70,7 @@ def _across(rows: int, size: int) -> ca.Function:
         W = ca.horzcat(*columns)
         return W, ca.horzcat(*(columns[j] * inverse[j] for j in range(size)))
 
-    return _recorded(
+    return by_elements(
         "across",
         across,
         ca.Sparsity.dense(rows, size),
@@ -85,7 +81,7 @@ def _across(rows: int, size: int) -> ca.Function:
 
 @cache
 def _back(size: int) -> ca.Function:
-    """(a, L without its diagonal) -> L^-T a."""
+    """Record (a, L without its diagonal) -> L^-T a."""
 
     def back(a: Any, lower: Any) -> Any:
         solved: list[Any] = [None] * size
@@ -93,20 +89,20 @@ def _back(size: int) -> ca.Function:
             solved[j] = a[j] - sum(lower[k, j] * solved[k] for k in range(j + 1, size))
         return ca.vertcat(*solved)
 
-    return _recorded("back", back, ca.Sparsity.dense(size), _triangular(size))
+    return by_elements("back", back, ca.Sparsity.dense(size), _triangular(size))
 
 
 @cache
 def _moved(size: int) -> ca.Function:
-    """(a, L, a_I) -> a - L^T a_I."""
+    """Record (a, L, a_I) -> a - L^T a_I."""
     column = ca.Sparsity.dense(size)
-    return _recorded(
+    return by_elements(
         "moved", lambda a, L, b: a - L.T @ b, column, ca.Sparsity.dense(size, size), column
     )
 
 
 def solve(blocks: Sequence[Sequence[Any]], right: Sequence[Any]) -> list[Any]:
-    """Solution of R a = r, block by block.
+    """Solve R a = r, block by block.
 
     Args:
         blocks: rows of blocks of R up to the diagonal, each (size, size); of those on it the lower

@@ -92,7 +92,7 @@ class BmflcState(State):
 
 
 def derive(p: BmflcParams, T: float) -> Factors:
-    """Factors of the phasors."""
+    """Compute the factors of the phasors."""
     f = p.lowest + ca.DM(np.arange(TONES) / (TONES - 1)) * (p.highest - p.lowest)
     u = ca.tan(np.pi * p.corner * T) / ca.tan(np.pi * f * T)
     whole: phasors.Pair = (ca.DM.ones(TONES), ca.DM.zeros(TONES))
@@ -111,7 +111,7 @@ def derive(p: BmflcParams, T: float) -> Factors:
 def estimate(
     p: BmflcParams, derived: Factors, position: Any, valid: Any, x: BmflcState, T: float
 ) -> tuple[BmflcState, Out]:
-    """One sample.
+    """Compute one sample.
 
     Args:
         p: parameters.
@@ -138,7 +138,7 @@ def estimate(
 def step(
     p: BmflcParams, u: In, x: BmflcState, T: float, derived: Factors
 ) -> tuple[BmflcState, Out]:
-    """One sample."""
+    """Compute one sample."""
     return estimate(p, derived, u.position, u.valid, x, T)
 
 

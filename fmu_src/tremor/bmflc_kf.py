@@ -38,7 +38,7 @@ they are, tones of 8 to 12 Hz come out at 0.5 to 0.8 of their size and within 25
 | y | tremor | tremor at the time t + h |
 """
 
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -47,6 +47,7 @@ import numpy as np
 from fmu_src.kit import Model, State
 from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.math import phasors
+from fmu_src.tremor.intent_and_tones import IntentAndTones
 from fmu_src.tremor.ports import In, Out, Surroundings
 
 FREQUENCIES = np.arange(6.0, 14.1, 0.5)
@@ -62,6 +63,11 @@ INTENT_MEMORY = 0.23
 """Time within which the intent's speed fades [s]; tuned."""
 INTENT_NOISE = 2.25e7
 """Density of the acceleration's noise [1/s3], that of the position being 1; tuned."""
+
+
+FILTER = IntentAndTones(
+    FREQUENCIES, MEMORY, np.full(TONES, TREMOR_NOISE), ORDER, INTENT_MEMORY, INTENT_NOISE
+)
 
 
 class Factors(Derived):
@@ -80,19 +86,8 @@ class BmflcKfState(State):
     phasors = real("m", "z, tones", shape=(2 * TONES, 3))
 
 
-@cache
-def gains(T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gain of intent, (ORDER,), and phasors, (2 TONES,)."""
-    return phasors.steady_gain(
-        phasors.intent_transition(ORDER, INTENT_MEMORY, T),
-        INTENT_NOISE * phasors.intent_noise(ORDER, T),
-        np.exp((2j * np.pi * FREQUENCIES - 1 / MEMORY) * T),
-        np.full(TONES, TREMOR_NOISE * T),
-    )
-
-
 def derive(p: Surroundings, T: float) -> Factors:
-    """Factors of the phasors."""
+    """Compute the factors of the phasors."""
     undo = partial(phasors.wash_out_undone, p.wash_out)
     return Factors(ahead=ca.vertcat(*phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, undo)))
 
@@ -100,7 +95,7 @@ def derive(p: Surroundings, T: float) -> Factors:
 def estimate(
     derived: Factors, position: Any, valid: Any, x: BmflcKfState, T: float
 ) -> tuple[BmflcKfState, Out]:
-    """One sample.
+    """Compute one sample.
 
     Args:
         derived: what `derive` makes of the parameters.
@@ -109,25 +104,14 @@ def estimate(
         x: state.
         T: sample period [s].
     """
-    intent_gain, phasor_gain = gains(T)
-    turn = np.exp((2j * np.pi * FREQUENCIES - 1 / MEMORY) * T)
-    z = phasors.apply(ca.DM(np.concatenate([turn.real, turn.imag])), x.phasors)
-    v = ca.DM(phasors.intent_transition(ORDER, INTENT_MEMORY, T)) @ ca.vertcat(x.place.T, x.speed.T)
-    expected = v[0, :].T + phasors.total(z)
-    motion, origin = phasors.count(position, valid, expected, x)
-    error = (valid * (motion - expected)).T
-    v = v + ca.DM(intent_gain) @ error
-    z = z + ca.DM(phasor_gain) @ error
-    following = BmflcKfState(
-        tracked=valid, origin=origin, place=v[0, :].T, speed=v[1, :].T, phasors=z
-    )
-    return following, Out(tremor=phasors.total(z, derived.ahead))
+    following = FILTER.advance(position, valid, x, T)
+    return following, Out(tremor=phasors.total(following.phasors, derived.ahead))
 
 
 def step(
     p: Surroundings, u: In, x: BmflcKfState, T: float, derived: Factors
 ) -> tuple[BmflcKfState, Out]:
-    """One sample."""
+    """Compute one sample."""
     return estimate(derived, u.position, u.valid, x, T)
 
 

@@ -146,12 +146,12 @@ class Out(Outputs):
 
 
 def units(p: Params) -> list[Any]:
-    """Hidden units in the order of the cascade."""
+    """Return the hidden units in the order of the cascade."""
     return [getattr(p, f"unit_{i}") for i in range(1, HIDDEN + 1)]
 
 
 def network(p: Params, u: Any) -> Any:
-    """Output of the network, without its scale.
+    """Evaluate the network, without its scale.
 
     Args:
         p: weights.
@@ -175,7 +175,7 @@ def network(p: Params, u: Any) -> Any:
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     # A comparison with what is not a number is false.
     known = u.valid * (ca.sum1(ca.fabs(u.position) <= REACH) == AXES)
     newest = ca.if_else(known, u.position - p.origin, x.window[:, 0])

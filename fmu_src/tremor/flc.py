@@ -67,24 +67,24 @@ class Out(Outputs):
 
 
 def advance(phase: Any, frequency: Any, T: float) -> ca.SX:
-    """Phase one sample later, kept in [0, 2 pi) so that it never loses digits, (3,) [rad]."""
+    """Return the phase one sample later, (3,) [rad]; in [0, 2 pi) it never loses digits."""
     phase = phase + 2 * np.pi * frequency * T
     return phase - 2 * np.pi * ca.floor(phase / (2 * np.pi))
 
 
 def reference(phase: Any) -> ca.SX:
-    """Reference x (5.2) at a phase of each axis, (2 M, 3)."""
+    """Return the reference x (5.2) at a phase of each axis, (2 M, 3)."""
     harmonics = ca.vertcat(*(r * phase.T for r in range(1, HARMONICS + 1)))
     return ca.vertcat(ca.sin(harmonics), ca.cos(harmonics))
 
 
 def tone(weights: Any, x: Any) -> Any:
-    """Truncated Fourier series w.x of each axis (5.1), (3,) [m]."""
+    """Sum the truncated Fourier series w.x of each axis (5.1), (3,) [m]."""
     return ca.sum1(weights * x).T
 
 
 def adapt(weights: Any, x: Any, error: Any, time_constant: Any, T: float) -> ca.SX:
-    """Weights after one LMS step (5.4), (2 M, 3) [m].
+    """Return the weights after one LMS step (5.4), (2 M, 3) [m].
 
     Args:
         weights: w, (2 M, 3) [m].
@@ -97,7 +97,7 @@ def adapt(weights: Any, x: Any, error: Any, time_constant: Any, T: float) -> ca.
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     phase = advance(x.phase, p.frequency, T)
     regressor = reference(phase)
     error = u.position - tone(x.weights, regressor)

@@ -147,7 +147,7 @@ class Front(Derived):
 
 
 def undo(lag: Any, frequencies: Any) -> Pair:
-    """U, from the acceleration written as displacement to displacement.
+    """Return U, from the acceleration written as displacement to displacement.
 
     Args:
         lag: tau_s [s].
@@ -158,7 +158,7 @@ def undo(lag: Any, frequencies: Any) -> Pair:
 
 
 def lever_rows(geometry: kinematics.Geometry) -> Any:
-    """A, (6, 6): of each channel, from acceleration of the tip and angular acceleration, in B."""
+    """Return A, (6, 6): channels by acceleration of the tip and angular acceleration, in B."""
     rows = []
     for site, axis in kinematics.PLACES:
         unit = ca.DM(np.eye(3)[axis])
@@ -168,7 +168,7 @@ def lever_rows(geometry: kinematics.Geometry) -> Any:
 
 
 def exact_tip(geometry: kinematics.Geometry) -> Any:
-    """Tip of A^-1, (3, 6): acceleration of the tip as all channels determine it."""
+    """Return the tip rows of A^-1, (3, 6): acceleration of the tip as all channels determine it."""
     to_alpha = ca.solve(kinematics.lever_matrix(geometry), ca.DM.eye(3))
     columns = []
     for unit in np.eye(CHANNELS):
@@ -180,7 +180,7 @@ def exact_tip(geometry: kinematics.Geometry) -> Any:
 
 
 def derive(p: Sensing, T: float) -> Front:
-    """What follows from the parameters.
+    """Compute what follows from the parameters.
 
     Args:
         p: geometry and noise.
@@ -205,7 +205,7 @@ def derive(p: Sensing, T: float) -> Front:
 
 
 def _gain() -> ca.Function:
-    """(power, watched, exact, broad) -> K D."""
+    """Record (power, watched, exact, broad) -> K D."""
     power, broad = (ca.MX.sym(name, CHANNELS, CHANNELS) for name in ("power", "broad"))
     exact, watched = ca.MX.sym("exact", 3, CHANNELS), ca.MX.sym("watched")
     one = ca.DM.eye(CHANNELS)
@@ -222,7 +222,7 @@ WIENER_GAIN = _gain()
 
 
 def sense(derived: Front, force: Any, valid: Any, x: Sensed, T: float) -> tuple[Sensed, Any]:
-    """One sample: what is learnt from it, and how the tip has moved.
+    """Learn from one sample and return how the tip has moved.
 
     Args:
         derived: what follows from the parameters.
@@ -261,10 +261,10 @@ def sense(derived: Front, force: Any, valid: Any, x: Sensed, T: float) -> tuple[
 
 
 def since(force: Any, valid: Any, x: Sensed) -> Any:
-    """What the forces have changed by since the last sample, (6,) [m/s2]; none over a gap."""
+    """Return the change of the forces since the last sample, (6,) [m/s2]; zero over a gap."""
     return ca.if_else(ca.logic_and(x.tracked, valid), force - x.force, 0)
 
 
 def motion(x: Sensed, changed: Any) -> Any:
-    """s, (3,) [m], from what the forces have changed by in a sample, (6,) [m/s2]."""
+    """Return s, (3,) [m], from the change of the forces in a sample, (6,) [m/s2]."""
     return x.motion - x.gain @ changed / (2 * np.pi * CENTRE) ** 2

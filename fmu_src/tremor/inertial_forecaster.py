@@ -50,7 +50,7 @@ class Precomputed(Derived):
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """What follows from the parameters."""
+    """Compute what follows from the parameters."""
     undo = partial(inertial.undo, p.sensing.lag)
     return Precomputed(
         front=inertial.derive(p.sensing, T),
@@ -59,7 +59,7 @@ def derive(p: Params, T: float) -> Precomputed:
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     front, motion = inertial.sense(derived.front, u.force, u.valid, x.front, T)
     learnt, out = var_forecaster.estimate(derived.band, motion, u.valid, x.forecaster, T)
     following = X(front=front, forecaster=learnt)

@@ -49,7 +49,7 @@ class Precomputed(Derived):
 
 
 def derive(p: Params, T: float) -> Precomputed:
-    """What follows from the parameters."""
+    """Compute what follows from the parameters."""
     undo = partial(inertial.undo, p.sensing.lag)
     return Precomputed(
         front=inertial.derive(p.sensing, T), factors=oscillators.factors(p.horizon, undo)
@@ -57,7 +57,7 @@ def derive(p: Params, T: float) -> Precomputed:
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     front, motion = inertial.sense(derived.front, u.force, u.valid, x.front, T)
     learnt, out = oscillators.estimate(derived.factors, motion, u.valid, x.filter, T)
     following = X(front=front, filter=learnt)

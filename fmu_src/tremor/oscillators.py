@@ -45,7 +45,7 @@ a-posteriori and 56.8 % in the band on the other five, instead of 37.1 % and 55.
 """
 
 from collections.abc import Callable
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import casadi as ca
@@ -54,6 +54,7 @@ import numpy as np
 from fmu_src.kit import Model, State
 from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.math import phasors
+from fmu_src.tremor.intent_and_tones import IntentAndTones
 from fmu_src.tremor.ports import In, Out, Surroundings
 
 FREQUENCIES = np.arange(3.0, 20.1, 0.75)
@@ -79,6 +80,15 @@ BAND = (5.75, 16.5)
 """f_a, f_b [Hz]; tuned."""
 
 
+def _spectrum() -> np.ndarray:
+    """Return q_i, (TONES,) [1/s]."""
+    width = np.where(FREQUENCIES < CENTRE, *WIDTHS)
+    return TREMOR_NOISE * (np.exp(-(((FREQUENCIES - CENTRE) / width) ** 2) / 2) + FLOOR)
+
+
+FILTER = IntentAndTones(FREQUENCIES, MEMORY, _spectrum(), ORDER, INTENT_MEMORY, INTENT_NOISE)
+
+
 class Factors(Derived):
     """Complex factors, real over imaginary parts."""
 
@@ -96,33 +106,20 @@ class OscillatorState(State):
     phasors = real("m", "z, oscillators", shape=(2 * TONES, 3))
 
 
-@cache
-def gains(T: float) -> tuple[np.ndarray, np.ndarray]:
-    """Gain of intent, (ORDER,), and phasors, (2 TONES,)."""
-    width = np.where(FREQUENCIES < CENTRE, *WIDTHS)
-    spectrum = np.exp(-(((FREQUENCIES - CENTRE) / width) ** 2) / 2) + FLOOR
-    return phasors.steady_gain(
-        phasors.intent_transition(ORDER, INTENT_MEMORY, T),
-        INTENT_NOISE * phasors.intent_noise(ORDER, T),
-        np.exp((2j * np.pi * FREQUENCIES - 1 / MEMORY) * T),
-        TREMOR_NOISE * T * spectrum,
-    )
-
-
 def share() -> np.ndarray:
-    """W, what of each oscillator is tremor, (TONES,)."""
+    """Return W, the share of each oscillator that is tremor, (TONES,)."""
     low, high = BAND
     beside = (FREQUENCIES**2 - low * high) / (FREQUENCIES * (high - low))
     return 1 / (1 + beside**8)
 
 
 def derive(p: Surroundings, T: float) -> Factors:
-    """Factors of the phasors."""
+    """Compute the factors of the phasors."""
     return factors(p.horizon, partial(phasors.wash_out_undone, p.wash_out))
 
 
 def factors(horizon: Any, undo: Callable[[Any], phasors.Pair]) -> Factors:
-    """Factors of the phasors, behind what the motion has been through.
+    """Compute the factors of the phasors, with what the motion has been through.
 
     Args:
         horizon: h [s].
@@ -135,7 +132,7 @@ def factors(horizon: Any, undo: Callable[[Any], phasors.Pair]) -> Factors:
 def estimate(
     derived: Factors, position: Any, valid: Any, x: OscillatorState, T: float
 ) -> tuple[OscillatorState, Out]:
-    """One sample.
+    """Compute one sample.
 
     Args:
         derived: what `derive` makes of the parameters.
@@ -144,32 +141,14 @@ def estimate(
         x: state.
         T: sample period [s].
     """
-    intent_gain, phasor_gain = gains(T)
-    turn = np.exp((2j * np.pi * FREQUENCIES - 1 / MEMORY) * T)
-    z = phasors.apply(ca.DM(np.concatenate([turn.real, turn.imag])), x.phasors)
-    v = ca.DM(phasors.intent_transition(ORDER, INTENT_MEMORY, T)) @ ca.vertcat(
-        x.place.T, x.speed.T, x.acceleration.T
-    )
-    expected = v[0, :].T + phasors.total(z)
-    motion, origin = phasors.count(position, valid, expected, x)
-    error = (valid * (motion - expected)).T
-    v = v + ca.DM(intent_gain) @ error
-    z = z + ca.DM(phasor_gain) @ error
-    following = OscillatorState(
-        tracked=valid,
-        origin=origin,
-        place=v[0, :].T,
-        speed=v[1, :].T,
-        acceleration=v[2, :].T,
-        phasors=z,
-    )
-    return following, Out(tremor=phasors.total(z, derived.ahead))
+    following = FILTER.advance(position, valid, x, T)
+    return following, Out(tremor=phasors.total(following.phasors, derived.ahead))
 
 
 def step(
     p: Surroundings, u: In, x: OscillatorState, T: float, derived: Factors
 ) -> tuple[OscillatorState, Out]:
-    """One sample."""
+    """Compute one sample."""
     return estimate(derived, u.position, u.valid, x, T)
 
 

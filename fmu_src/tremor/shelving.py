@@ -89,7 +89,7 @@ class X(State):
 
 
 def derive(p: Params, T: float) -> Cut:
-    """Place and gain of the sections."""
+    """Compute place and gain of the sections."""
     whole = phasors.wash_out_undone(p.wash_out, CENTRE)
     wanted = (2 * np.pi * CENTRE * p.horizon + ca.atan2(whole[1], whole[0])) / SECTIONS
     lead = ca.fmin(wanted, LARGEST_LEAD)
@@ -105,7 +105,7 @@ def derive(p: Params, T: float) -> Cut:
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Cut) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     motion, origin = phasors.count(u.position, u.valid, x.motion, x)
     section: Any = (derived.b, 0.0, -derived.b, derived.a[0], derived.a[1])
     memory, cut = elliptic.cascade(motion, x.memory, [section] * SECTIONS)

@@ -56,6 +56,7 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit.functions import by_elements
 from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.math import phasors, zero_phase
 from fmu_src.math.pairwise import total
@@ -137,12 +138,12 @@ class Weights(Derived):
 
 
 def derive(p: Params, T: float) -> Weights:
-    """Band-pass for the horizon, and forgetting."""
+    """Compute the band-pass for the horizon, and forgetting."""
     return weights(p, p.horizon, partial(phasors.wash_out_undone, p.wash_out), T)
 
 
 def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: float) -> Weights:
-    """Band-pass for a horizon, behind what the motion has been through, and forgetting.
+    """Compute the band-pass for a horizon, with what the motion has been through, and forgetting.
 
     Args:
         p: band and memory.
@@ -162,18 +163,18 @@ def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: f
 
 
 def inner(one: Any, other: Any) -> Any:
-    """Inner product of two columns."""
+    """Return the inner product of two columns."""
     products = one * other
     return total(ca.vertcat(*(ca.sum1(products[lane::LANES]) for lane in range(LANES))))
 
 
 def others(axis: int) -> list[int]:
-    """The next axis, and the one after."""
+    """Return the next axis, and the one after."""
     return [(axis + turn) % AXES for turn in range(1, AXES)]
 
 
 def following_velocity(coefficients: Any, velocity: Any) -> Any:
-    """Velocity v of the next stride, (AXES,) [m].
+    """Predict the velocity v of the next stride, (AXES,) [m].
 
     Args:
         coefficients: A, (SIZE, AXES).
@@ -188,7 +189,7 @@ def following_velocity(coefficients: Any, velocity: Any) -> Any:
 
 
 def _regression() -> ca.Function:
-    """(correlation, moves, prior, left, left^-STRIDE, scale) -> blocks.
+    """Record (correlation, moves, prior, left, left^-STRIDE, scale) -> blocks.
 
     For the first axis: of R, its rows of blocks up to the diagonal, then of r. The correlation is
     the first block row of the sums C over products of any two lags. Its other entries are the same
@@ -208,7 +209,7 @@ def _regression() -> ca.Function:
 
     @cache
     def summed(i: int, a: int, j: int, b: int) -> Any:
-        """C of axis a at lag i and axis b at lag j."""
+        """Return C of axis a at lag i and axis b at lag j."""
         if i > j:
             return summed(j, b, i, a)
         if i == 0:
@@ -233,7 +234,7 @@ def _regression() -> ca.Function:
 
 
 def _solver() -> ca.Function:
-    """(correlation, moves, prior, left) as in `_regression` -> A, (SIZE,), of the first axis."""
+    """Record (correlation, moves, prior, left) -> A, (SIZE,), of one axis; see `_regression`."""
     correlation = ca.MX.sym("correlation", OWN + 1, AXES**2)
     moves = ca.MX.sym("moves", OWN + 1, STRIDE * AXES)
     prior, left = ca.MX.sym("prior"), ca.MX.sym("left")
@@ -246,7 +247,7 @@ def _solver() -> ca.Function:
 
 
 def _folder() -> ca.Function:
-    """(coefficients, (SIZE, AXES), sums of weights, (AHEAD,)) -> fold, (OWN, AXES^2).
+    """Record (coefficients, (SIZE, AXES), sums of weights, (AHEAD,)) -> fold, (OWN, AXES^2).
 
     y holds sum_h later_h v_{k+h}, and v_{k+h} is the first block of F^h applied to the last
     velocities, F the companion matrix of A. So the fold is sum_h later_h E F^h, by Horner's rule
@@ -278,7 +279,7 @@ SOLVE_AXIS, FOLD_FORECAST = _solver(), _folder()
 
 @cache
 def learning(T: float) -> ca.Function:
-    """(count, band, state) -> (coefficients, fold): a part of a round, or what has been learnt.
+    """Record (count, band, state) -> (coefficients, fold): one part of a round of learning.
 
     Args:
         T: sample period [s].
@@ -304,7 +305,7 @@ def learning(T: float) -> ca.Function:
 
 
 def moved(position: Any, valid: Any, x: X) -> tuple[Any, Any]:
-    """Origin of the motion, (3,) [m], and the motion at this sample and whole strides before it.
+    """Return the origin of the motion, (3,) [m], and the motion now and whole strides before.
 
     Args:
         position: s, (3,) [m].
@@ -324,12 +325,12 @@ def moved(position: Any, valid: Any, x: X) -> tuple[Any, Any]:
 
 
 def velocities(motion: Any) -> Any:
-    """v, from stride to stride, newest first, (OWN + 1, AXES) [m]."""
+    """Return v, from stride to stride, newest first, (OWN + 1, AXES) [m]."""
     return motion[: OWN + 1, :] - motion[1 : OWN + 2, :]
 
 
 def swing(velocity: Any, x: X, T: float) -> Any:
-    """u, largest second difference lately, (3,) [m].
+    """Return u, the largest second difference lately, (3,) [m].
 
     Args:
         velocity: v, newest first, (OWN + 1, AXES) [m].
@@ -341,7 +342,7 @@ def swing(velocity: Any, x: X, T: float) -> Any:
 
 
 def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
-    """y, tremor in a motion, (3,) [m].
+    """Return y, the tremor in a motion, (3,) [m].
 
     Args:
         derived: what follows from the parameters.
@@ -364,14 +365,14 @@ def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
 
 
 def answer(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
-    """Outputs alone of `estimate`."""
+    """Return the outputs of `estimate` alone."""
     _, motion = moved(position, valid, x)
     swung = swing(velocities(motion), x, T)
     return Out(tremor=found(derived, motion, swung, ca.fmin(x.seen + valid * T, LEARNING), x))
 
 
 def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tuple[X, Out]:
-    """One sample of the filter, as a part of a larger model.
+    """Compute one sample of the filter, as a part of a larger model.
 
     Args:
         derived: what follows from the parameters.
@@ -398,18 +399,18 @@ def estimate(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tup
     return following, Out(tremor=tremor)
 
 
-@cache
-def perceiving(T: float) -> ca.Function:
-    """(band, position, valid, state) -> what a sample tells, by elements.
+def perceive(derived: Weights, position: Any, valid: Any, x: X, T: float) -> tuple[Any, ...]:
+    """Return what a sample tells.
 
     That is origin, motion by strides, correlation, unrest, swing, time learnt from, and tremor.
 
     Args:
+        derived: what follows from the parameters.
+        position: s, (3,) [m].
+        valid: 1 to learn from this sample, 0 not to.
+        x: state.
         T: sample period [s].
     """
-    band, position = ca.SX.sym("band", Weights.size()), ca.SX.sym("position", AXES)
-    valid, state = ca.SX.sym("valid"), ca.SX.sym("x", X.size())
-    derived, x = Weights.unpack(band), X.unpack(state)
     origin, motion = moved(position, valid, x)
     velocity = velocities(motion)
     newest = velocity[0, :].T
@@ -417,7 +418,7 @@ def perceiving(T: float) -> ca.Function:
     turn = newest - velocity[1, :].T
     swung = swing(velocity, x, T)
     seen = ca.fmin(x.seen + valid * T, LEARNING)
-    results = [
+    return (
         origin,
         motion,
         derived.left * x.correlation + ca.horzcat(*products),
@@ -425,18 +426,22 @@ def perceiving(T: float) -> ca.Function:
         swung,
         seen,
         found(derived, motion, swung, seen, x),
-    ]
-    arguments = [band, position, valid, state]
-    return ca.Function("perceive", arguments, results, {"cse": True})
+    )
+
+
+@cache
+def perceiving(T: float) -> ca.Function:
+    """Record (band, position, valid, state) -> `perceive`, by elements."""
+    return by_elements("perceive", partial(perceive, T=T), Weights, AXES, 1, X)
 
 
 def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
-    """One sample."""
+    """Compute one sample."""
     return estimate(derived, u.position, u.valid, x, T)
 
 
 def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
-    """Outputs of a sample alone."""
+    """Return the outputs of a sample alone."""
     return answer(derived, u.position, u.valid, x, T)
 
 

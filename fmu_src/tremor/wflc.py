@@ -72,14 +72,14 @@ class Out(Outputs):
 
 
 def frequency(p: WflcParams, x: WflcState) -> ca.SX:
-    """Frequency found so far, (3,) [Hz]."""
+    """Return the frequency found so far, (3,) [Hz]."""
     return p.initial + x.detuning
 
 
 def follow(
     p: WflcParams, position: Any, trusted: Any, x: WflcState, T: float
 ) -> tuple[WflcState, ca.SX]:
-    """One step of adaptation.
+    """Adapt by one step.
 
     Args:
         p: parameters.
@@ -108,7 +108,7 @@ def follow(
 
 
 def step(p: WflcParams, u: In, x: WflcState, T: float) -> tuple[WflcState, Out]:
-    """One sample."""
+    """Compute one sample."""
     following, regressor = follow(p, u.position, 1.0, x, T)
     return following, Out(
         tremor=flc.tone(following.weights, regressor), frequency=frequency(p, following)

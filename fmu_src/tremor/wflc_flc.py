@@ -80,7 +80,7 @@ class Out(ports.Out):
 def estimate(
     p: WflcFlcParams, position: Any, valid: Any, x: WflcFlcState, T: float
 ) -> tuple[WflcFlcState, Out]:
-    """One sample.
+    """Compute one sample.
 
     Args:
         p: parameters.
@@ -115,7 +115,7 @@ def estimate(
 
 
 def high_pass(s: Any, c: Any, memory: Any) -> tuple[ca.SX, ca.SX]:
-    """First-order high-passes in a row, (1 - z^-1) / ((1 + c) - (1 - c) z^-1) each (bilinear).
+    """Apply first-order high-passes in a row, (1 - z^-1) / ((1 + c) - (1 - c) z^-1) (bilinear).
 
     Args:
         s: input, (3,) [m].
@@ -134,7 +134,7 @@ def high_pass(s: Any, c: Any, memory: Any) -> tuple[ca.SX, ca.SX]:
 
 
 def undo_high_passes(p: WflcFlcParams, weights: Any, frequency: Any, T: float) -> ca.SX:
-    """Weights of the tone as it was ahead of all high-passes, (2 M, 3) [m].
+    """Return the weights of the tone as it was before all high-passes, (2 M, 3) [m].
 
     Args:
         p: corners.
@@ -159,7 +159,7 @@ def undo_high_passes(p: WflcFlcParams, weights: Any, frequency: Any, T: float) -
 
 
 def step(p: WflcFlcParams, u: In, x: WflcFlcState, T: float) -> tuple[WflcFlcState, Out]:
-    """One sample."""
+    """Compute one sample."""
     return estimate(p, u.position, u.valid, x, T)
 
 

@@ -7,17 +7,14 @@ through its function pointers. Beside the FMU's own code that is a clock's readi
 from __future__ import annotations
 
 import ctypes
-import hashlib
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 from types import TracebackType
 from typing import Any
 
 import numpy as np
 
-from fmu_src.pack.codegen import c_source as csource
-from fmu_src.pack.fmu import native
+from fmu_src.pack.compiler import compile_library
 from harness.bench.samples import Case
 from harness.common.c_struct import MirroredStruct, check_layout
 from harness.common.errors import SteadytipError
@@ -28,7 +25,6 @@ from harness.parts.fmi import WARNING, Instance, Stepper
 __all__ = ["Stepped"]
 
 _SOURCE = Path(__file__).with_name("stepper.c")
-_CACHE = Path("build", "c")
 
 
 class _Fmu(MirroredStruct):
@@ -48,18 +44,11 @@ class _Fmu(MirroredStruct):
 @cache
 def _samples() -> Any:
     """Return the function of `stepper.c`."""
-    texts = {
-        csource.ENTRY: _SOURCE.read_text(encoding="utf-8"),
-        ACCESS.name: ACCESS.read_text(encoding="utf-8"),
-    }
-    (part, *_) = native.TARGETS[native.host()]
-    named = "\n".join([*texts.values(), part.triple, version("ziglang")])
-    digest = hashlib.sha256(named.encode()).hexdigest()[:32]
-    path = (_CACHE / "runs" / f"{digest}{part.suffix}").resolve()
-    native.kept(path, lambda: native.compile_library("stepper", texts, part, _CACHE))
-    library = ctypes.CDLL(str(path))
-    check_layout(library, {"fmu": _Fmu})
-    function = library.samples
+    texts = {path.name: path.read_text(encoding="utf-8") for path in (_SOURCE, ACCESS)}
+    library = compile_library("stepper", texts, entry=_SOURCE.name)
+    loaded = ctypes.CDLL(str(library))
+    check_layout(loaded, {"fmu": _Fmu})
+    function = loaded.samples
     function.argtypes = [ctypes.c_void_p, ctypes.c_int64, ctypes.c_int64, ctypes.c_void_p]
     return function
 

@@ -13,14 +13,12 @@ had, without the compiler or on a disk that is read-only, the loop goes tick by 
 from __future__ import annotations
 
 import ctypes
-import hashlib
-import platform
 import sys
 import time
 from collections.abc import Sequence
-from contextlib import suppress
+from dataclasses import replace
 from enum import IntEnum
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -33,7 +31,7 @@ from harness.parts.protocols import FmuCalls, NativelySteppable, OutputTable, Ty
 from harness.system.tick_plan import PartStep, TickBuffers, TickPlan
 
 if TYPE_CHECKING:
-    from fmu_src.pack.fmu.native import Slice
+    from fmu_src.pack.compiler import ZigTarget
 
 __all__ = [
     "ACCESS",
@@ -49,7 +47,6 @@ _SOURCE = Path(__file__).with_name("native.c")
 ACCESS = Path(__file__).with_name("access.h")
 """What `accesses` lays out, in C."""
 _FLAGS = ("-std=c99", "-O2", "-shared", "-nostdlib", "-ffreestanding", "-fno-builtin")
-_FOLDER = Path("build", "c", "runs")
 
 
 class NativeStatus(IntEnum):
@@ -121,45 +118,31 @@ class _Loop(MirroredStruct):
 
 @cache
 def library() -> Any:
-    """Return the compiled `native.c`; None where it cannot be had."""
-    content = ACCESS.read_bytes() + _SOURCE.read_bytes()
-    where = " ".join((*_FLAGS, platform.system(), platform.machine()))
-    digest = hashlib.sha256(content + where.encode()).hexdigest()[:32]
-    path = (_FOLDER / f"{digest}.lib").resolve()
-    for _ in range(2):
-        with suppress(OSError, SteadytipError):
-            if not path.is_file():
-                from fmu_src.pack.fmu import native
-
-                part = native.TARGETS[native.host()][-1 if platform.machine() == "arm64" else 0]
-                native.kept(path, partial(compiled, part, path.parents[1]))
-            try:
-                found = ctypes.CDLL(str(path))
-            except OSError:  # damaged: once more
-                path.unlink()
-            else:
-                check_layout(found, {"access": _Access, "part": _Part, "loop": _Loop})
-                return found
-    return None
+    """Return the compiled `native.c`; None where it cannot be compiled or loaded."""
+    try:
+        found = ctypes.CDLL(str(compiled()))
+    except (OSError, SteadytipError):
+        return None
+    check_layout(found, {"access": _Access, "part": _Part, "loop": _Loop})
+    return found
 
 
-def compiled(part: Slice, cache: Path, *warnings: str) -> bytes:
-    """Compile the library for a platform.
+def compiled(target: ZigTarget | None = None, *warnings: str) -> Path:
+    """Return the library for a platform.
 
     Args:
-        part: platform.
-        cache: folder of the compiler's own files.
-        warnings: flags for those that are wanted.
+        target: platform; this one by default.
+        warnings: flags of the compiler for the warnings that are wanted.
 
     Raises:
         SteadytipError: the compiler is missing or refuses the source.
     """
-    from fmu_src.pack.fmu import native
+    from fmu_src.pack.compiler import compile_library, host_target
 
-    flags = [flag.format(name="native") for flag in part.flags if flag != "-lm"]
-    arguments = ["-target", part.triple, *_FLAGS, *warnings, "native.c", "-o", "native.lib", *flags]
+    target = target or host_target()
+    target = replace(target, flags=tuple(flag for flag in target.flags if flag != "-lm"))
     texts = {path.name: path.read_text(encoding="utf-8") for path in (ACCESS, _SOURCE)}
-    return native.compile_c(texts, arguments, "native.lib", cache)
+    return compile_library("native", texts, target, (*_FLAGS, *warnings), _SOURCE.name)
 
 
 def native_steps(plan: TickPlan) -> list[FmuCalls | OutputTable] | None:

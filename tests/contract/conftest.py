@@ -16,7 +16,7 @@ from fmpy.logging import addLoggerProxy
 from fmpy.model_description import ModelDescription
 
 from fmu_src.pack import build
-from fmu_src.pack.build import load_model
+from fmu_src.pack.discovery import load_model
 from tests.conftest import by_model
 
 FLAVOURS = ("native", "python")

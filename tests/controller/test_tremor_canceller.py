@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy import signal
 from scipy.spatial.transform import Rotation
 
-from fmu_src.controller import tremor_canceller
+from fmu_src.controller import correction, tremor_canceller
 from fmu_src.device import design
 from fmu_src.kit.runner import Runner
 from fmu_src.manipulator import parallel_3dof
@@ -257,4 +257,4 @@ def test_voltages_stay_within_the_amplifier(seed, scale):
 
 def test_cost_leaves_room_for_a_microcontroller():
     """5 us a sample on a desktop machine, at some 0.4 ns an instruction (`make bench`)."""
-    assert tremor_canceller.acting(T).n_instructions() < 10_000
+    assert correction.acting(T).n_instructions() < 10_000

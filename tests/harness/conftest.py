@@ -1,6 +1,5 @@
 """An FMU by somebody else, and scenarios around it."""
 
-import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
@@ -10,6 +9,7 @@ import numpy as np
 import pytest
 from fmpy import sharedLibraryExtension
 
+from fmu_src.pack.compiler import compile_c
 from harness.loop import native as march
 from harness.parts.description import platform_folders
 
@@ -31,13 +31,19 @@ MODES = {
 """What the probe does in the step that holds the time `at`."""
 
 
+def compile_probe(*macros: str) -> Path:
+    """The probe's library, without a defect or with some that macros define."""
+    texts = {"probe.c": (HERE / "probe.c").read_text("utf-8")}
+    binary = f"probe{sharedLibraryExtension}"
+    flags = ["-std=gnu11", "-O1", "-shared", "-fvisibility=hidden"]
+    flags += [] if sys.platform == "win32" else ["-fPIC", "-lm"]
+    flags += [f"-D{macro}" for macro in macros]
+    return compile_c(texts, [*flags, "probe.c", "-o", binary], binary)
+
+
 @pytest.fixture(scope="session")
-def probe_binary(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    binary = tmp_path_factory.mktemp("probe") / f"probe{sharedLibraryExtension}"
-    command = [sys.executable, "-m", "ziglang", "cc", "-std=gnu11", "-O1", "-fvisibility=hidden"]
-    command += ["-shared", *([] if sys.platform == "win32" else ["-fPIC"])]
-    subprocess.run([*command, str(HERE / "probe.c"), "-o", str(binary)], check=True)
-    return binary
+def probe_binary() -> Path:
+    return compile_probe()
 
 
 PackProbe = Callable[..., Path]
@@ -60,7 +66,7 @@ def pack_probe(probe_binary: Path, tmp_path_factory: pytest.TempPathFactory) -> 
         with zipfile.ZipFile(path, "w") as archive:
             archive.writestr("modelDescription.xml", xml)
             content = probe_binary.read_bytes() if binary is None else binary
-            archive.writestr(f"binaries/{folder}/{probe_binary.name}", content)
+            archive.writestr(f"binaries/{folder}/probe{sharedLibraryExtension}", content)
         return path
 
     return pack

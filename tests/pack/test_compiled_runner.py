@@ -5,8 +5,9 @@ import pytest
 
 from fmu_src.kit.runner import Runner
 from fmu_src.pack import compiled_runner as compiled
-from fmu_src.pack.build import load_model
+from fmu_src.pack import compiler
 from fmu_src.pack.compiled_runner import CompiledRunner
+from fmu_src.pack.discovery import load_model
 
 # With noise and without, of elements and of whole matrices, with memory and with none.
 MODELS = ("DisplacementSensor", "Hand", "VarForecaster", "Parallel3Dof")
@@ -35,20 +36,20 @@ def test_a_run_cut_in_two_equals_the_recorded_steps(name):
 
 
 def test_the_library_is_compiled_once_and_found_by_its_sources(tmp_path, monkeypatch):
-    monkeypatch.setattr(compiled, "CACHE", tmp_path)
+    original, own_files = compiler._compile, compiler.FOLDER.resolve()
     built = []
-    original = compiled.native.compile_library
-    monkeypatch.setattr(
-        compiled.native,
-        "compile_library",
-        lambda name, texts, part, cache: built.append(name) or original(name, texts, part, CACHE),
-    )
+
+    def compile_here(texts, arguments, product):
+        built.append(product.partition(".")[0])
+        with monkeypatch.context() as patch:
+            patch.setattr(compiler, "FOLDER", own_files)
+            return original(texts, arguments, product)
+
+    monkeypatch.setattr(compiler, "FOLDER", tmp_path)
+    monkeypatch.setattr(compiler, "_compile", compile_here)
     model = load_model("DisplacementSensor")
     for _ in range(2):
         compiled._compiled.__wrapped__(model)
     assert built == ["DisplacementSensor"]
     compiled._compiled.__wrapped__(load_model("Flc"))
     assert built == ["DisplacementSensor", "Flc"]
-
-
-CACHE = compiled.CACHE

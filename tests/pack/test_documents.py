@@ -11,14 +11,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from fmu_src.controller import tremor_canceller
+from fmu_src.controller.interface import FORECASTER
 from fmu_src.device import design
 from fmu_src.errors import SteadytipError
 from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.records import Inputs, Scalar, real
 from fmu_src.kit.runner import Runner
 from fmu_src.pack import compiled_runner as compiled
-from fmu_src.pack.build import load_model
+from fmu_src.pack.discovery import load_model
 from fmu_src.pack.docs import documents, icon, page, response
 from fmu_src.pack.fmu import archive, description, reference
 from tests.conftest import by_model
@@ -210,7 +210,7 @@ def test_responses_need_no_compiler(monkeypatch) -> None:
 
 def test_tremor_filters_put_the_tone_where_it_will_be(monkeypatch) -> None:
     """The filter that hears the position looks ahead, so the tone it puts out is not late."""
-    chosen = {"tremor_filter": tremor_canceller.FORECASTER}
+    chosen = {"tremor_filter": FORECASTER}
     monkeypatch.setattr(response, "Runner", partial(Runner, parameters=chosen))
 
     def reach(scalar: Scalar) -> float:

@@ -7,7 +7,7 @@ from fmpy.fmi1 import FMICallException
 
 from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.records import Derived, Inputs, real
-from fmu_src.pack.compiled_runner import CACHE
+from fmu_src.pack.compiler import host
 from fmu_src.pack.fmu import archive, native
 from tests.contract.conftest import Instance
 
@@ -51,7 +51,7 @@ MODEL = Model("Fragile", step, P, U, X, Y, 0.5, derived=D, derive=derive)
 @pytest.fixture(scope="module")
 def fmu(tmp_path_factory):
     folder = tmp_path_factory.mktemp("fragile")
-    files = native.files(MODEL, GUID, [native.host()], CACHE)
+    files = native.files(MODEL, GUID, [host()])
     archive.write(folder / "Fragile.fmu", files)
     fmpy.extract(str(folder / "Fragile.fmu"), str(folder / "unpacked"))
     return folder / "Fragile.fmu", folder / "unpacked"

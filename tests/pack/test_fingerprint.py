@@ -6,20 +6,19 @@ import sys
 
 import pytest
 
-from fmu_src.pack import build
+from fmu_src.pack import build, discovery
 from fmu_src.pack import fingerprint as sources
-from fmu_src.pack.build import model_names
+from fmu_src.pack.discovery import TEXTS, model_names
 
 FLC = "fmu_src/tremor/flc.py"
 LOADED = """
 import importlib, json, sys
-from fmu_src.pack import fingerprint, model_names
+from fmu_src.pack import discovery, model_names
 found = {}
 for name in sys.argv[1:]:
     for module in [m for m in sys.modules if m.partition(".")[0] in ("fmu_src", "plants")]:
         del sys.modules[module]
-    (home,) = fingerprint.homes(name)
-    assert importlib.import_module(home).MODEL.name == name
+    assert importlib.import_module(discovery.module_of(name)).MODEL.name == name
     found[name] = [m for m in sys.modules if m.partition(".")[0] in ("fmu_src", "plants")]
 print(json.dumps(found))
 """
@@ -30,11 +29,11 @@ def changed(monkeypatch):
     """Gives a source file another text, as if it had been so when the process began."""
 
     def change(file: str, text: str) -> None:
-        monkeypatch.setitem(sources.TEXTS, file, text)
+        monkeypatch.setitem(TEXTS, file, text)
         forget()
 
     def forget() -> None:
-        for function in (sources._content, sources._imports):
+        for function in (discovery._defined, sources._content, sources._imports):
             function.cache_clear()
 
     yield change
@@ -73,7 +72,7 @@ def test_a_change_concerns_those_that_are_made_of_it(changed):
         return {name: sources.digest(sources.made_of([name])) for name in model_names()}
 
     before = digests()
-    changed(FLC, sources.TEXTS[FLC] + "\n# changed\n")
+    changed(FLC, TEXTS[FLC] + "\n# changed\n")
     after = digests()
     concerned = {name for name in before if before[name] != after[name]}
     assert concerned == {name for name in before if FLC in sources.made_of([name])}
@@ -105,14 +104,14 @@ def test_every_way_to_import_is_seen(text, file, changed):
 def test_going_back_to_earlier_sources_costs_nothing(changed, tmp_path, monkeypatch):
     """And a change of one model costs nothing for another."""
     monkeypatch.chdir(tmp_path)
-    monkeypatch.setattr("fmu_src.pack.fmu.native.compile_c", lambda *_: b"a library")
+    monkeypatch.setattr("fmu_src.pack.compiler._compile", lambda *_: b"a library")
     built: list[str] = []
 
     def both() -> bytes:
         found = build(["Flc", "DisplacementSensor"], out=tmp_path, progress=built.append)
         return found["Flc"].read_bytes()
 
-    original = sources.TEXTS[FLC]
+    original = TEXTS[FLC]
     first = both()
     assert built == ["Flc", "DisplacementSensor"]
     changed(FLC, original + "\n# changed\n")

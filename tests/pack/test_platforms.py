@@ -5,7 +5,6 @@ import re
 import shutil
 import struct
 import subprocess
-import sys
 import zipfile
 from pathlib import Path
 
@@ -14,8 +13,7 @@ import numpy as np
 import pytest
 
 from fmu_src.pack import build
-from fmu_src.pack.compiled_runner import CACHE
-from fmu_src.pack.fmu import native
+from fmu_src.pack.compiler import COMMAND, FOLDER, TARGETS, host
 from harness.validation import verdict as _verdict  # noqa: F401 - registers the checks
 from harness.validation.checks import FILES
 from harness.validation.files import Fmu
@@ -58,7 +56,7 @@ def test_five_platforms_fit_into_one_mebibyte(everywhere) -> None:
     assert set(everywhere) == set(EVERYWHERE)
     for name, path in everywhere.items():
         inside = {p.split("/")[1] for p in zipfile.ZipFile(path).namelist() if p[:9] == "binaries/"}
-        assert inside == set(native.TARGETS)
+        assert inside == set(TARGETS)
         assert path.stat().st_size < LARGEST.get(name, 1) * MEBIBYTE, name
 
 
@@ -147,9 +145,9 @@ def wine(tmp_path_factory) -> Path:
 @pytest.mark.parametrize("name", MODELS)
 def test_other_platforms_step_as_this_one(name, folder, everywhere, wine, tmp_path) -> None:
     """From equal state, one step at a time: within 1e-12 of a variable's size."""
-    if native.host() != "linux64":
+    if host() != "linux64":
         pytest.skip("the reference is linux64")
-    programs, options, triple, host = RUNNERS[folder]
+    programs, options, triple, runner = RUNNERS[folder]
     program = next((found for p in programs if (found := shutil.which(p))), None)
     if program is None:
         pytest.skip(f"{programs[0]} is not installed")
@@ -159,15 +157,15 @@ def test_other_platforms_step_as_this_one(name, folder, everywhere, wine, tmp_pa
     expected = write_case(everywhere[name], tmp_path, tmp_path / "case")
     libraries = [] if folder == "win64" else ["-ldl"]
     # Flags as for the FMU: with others, zig makes Windows' C library anew, which takes a minute.
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", triple, "-O2", "-s", str(HOST)]
-    cache = {f"ZIG_{scope}_CACHE_DIR": str(CACHE.resolve()) for scope in ("GLOBAL", "LOCAL")}
+    command = [*COMMAND, "-target", triple, "-O2", "-s", str(HOST)]
+    cache = {f"ZIG_{scope}_CACHE_DIR": str(FOLDER.resolve()) for scope in ("GLOBAL", "LOCAL")}
     subprocess.run(
-        [*command, "-o", host, *libraries], cwd=tmp_path, env={**os.environ, **cache}, check=True
+        [*command, "-o", runner, *libraries], cwd=tmp_path, env={**os.environ, **cache}, check=True
     )
     (library,) = (tmp_path / "binaries" / folder).glob(f"{name}.*")
     quiet = {"WINEDEBUG": "-all", "WINEPREFIX": str(wine)}
     done = subprocess.run(
-        [program, *options, f"./{host}", str(library.relative_to(tmp_path)), "case", "result"],
+        [program, *options, f"./{runner}", str(library.relative_to(tmp_path)), "case", "result"],
         cwd=tmp_path,
         env={**os.environ, **quiet},
         capture_output=True,

@@ -5,7 +5,7 @@ import pytest
 
 from fmu_src.kit.noise import uniforms
 from fmu_src.pack.codegen.c_source import shell
-from fmu_src.pack.fmu import native
+from fmu_src.pack.compiler import compile_c, host_target
 
 # A host that prints the first words of the shell's generator and some numbers as it writes them.
 _PROBE = """
@@ -66,17 +66,12 @@ static const struct { int from, to, loose; } SPAN[1] = {{0, 0, 0}};
 
 
 @pytest.fixture(scope="module")
-def printed(tmp_path_factory) -> list[str]:
+def printed() -> list[str]:
     import subprocess
-    import sys
 
-    folder = tmp_path_factory.mktemp("shell")
-    (folder / "model.h").write_text(_MODEL)
-    (folder / "probe.c").write_text(shell() + _PROBE)
-    target = native.TARGETS[native.host()][0].triple
-    command = [sys.executable, "-m", "ziglang", "cc", "-target", target, "-w", "probe.c", "-lm"]
-    subprocess.run([*command, "-o", "probe"], cwd=folder, check=True)
-    done = subprocess.run([folder / "probe"], capture_output=True, text=True, check=True)
+    arguments = ["-target", host_target().triple, "-w", "probe.c", "-lm", "-o", "probe"]
+    program = compile_c({"model.h": _MODEL, "probe.c": shell() + _PROBE}, arguments, "probe")
+    done = subprocess.run([program], capture_output=True, text=True, check=True)
     return done.stdout.split("\n")[:-1]
 
 

@@ -2,7 +2,6 @@
 
 import shutil
 import subprocess
-import sys
 from pathlib import Path
 
 import fmpy
@@ -10,22 +9,20 @@ import numpy as np
 import pytest
 
 from fmu_src.pack import build
-from fmu_src.pack.build import load_model
-from fmu_src.pack.codegen import c_source as csource
-from fmu_src.pack.compiled_runner import CACHE
-from fmu_src.pack.fmu import native
+from fmu_src.pack.codegen import c_source
+from fmu_src.pack.compiler import COMMAND, compile_library
+from fmu_src.pack.discovery import load_model
 from tests.conftest import by_model
 from tests.contract.conftest import Instance
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
-ZIG = [sys.executable, "-m", "ziglang", "cc"]
 HOSTILE = Path(__file__).with_name("hostile.c")
 # What single precision costs: rms error of an output over that of the output itself.
 SINGLE = {"MicronEstimator": 2e-2, "TremorCanceller": 2e-3}
 
 
 def written(name: str, folder: Path) -> Path:
-    for file, text in csource.sources(load_model(name), "{0}").items():
+    for file, text in c_source.sources(load_model(name), "{0}").items():
         (folder / file).write_text(text, encoding="utf-8")
     return folder
 
@@ -42,7 +39,7 @@ def compiler(name: str) -> str:
     return path
 
 
-FLAGS = {"double": [], "float": [f"-D{csource.SINGLE_PRECISION}"]}
+FLAGS = {"double": [], "float": [f"-D{c_source.SINGLE_PRECISION}"]}
 PREFIX = "-DFMI2_FUNCTION_PREFIX=Some_"
 PREFIXED = ["Hand", "MicronEstimator", "VarForecaster"]
 """With noise, of elements, of whole matrices: functions of the standard are the same in all."""
@@ -79,7 +76,7 @@ def test_sources_with_a_prefix_compile_without_a_warning(name, chain, tmp_path) 
     "mistake", ["int unused;", "int unset; if (unset) return 1;", "int a[1] = {1, 2}; (void)a;"]
 )
 def test_a_mistake_in_sources_would_be_found(mistake, chain, tmp_path) -> None:
-    (tmp_path / csource.ENTRY).write_text(f"int main(void) {{ {mistake} return 0; }}\n")
+    (tmp_path / c_source.ENTRY).write_text(f"int main(void) {{ {mistake} return 0; }}\n")
     with pytest.raises(AssertionError, match=r"unused|uninitialized|excess"):
         compile_strictly(tmp_path, chain, OPTIMISED.get((chain, "double"), []))
 
@@ -91,10 +88,10 @@ def compile_strictly(folder: Path, chain: str, flags: list[str]) -> None:
     """
     bare = ["-O0", "-g0", "-fno-sanitize=undefined"]
     command = (
-        [*ZIG, *STRICT, *flags, *bare] if chain == "zig" else [compiler("gcc"), *STRICT, *flags]
+        [*COMMAND, *STRICT, *flags, *bare] if chain == "zig" else [compiler("gcc"), *STRICT, *flags]
     )
     done = subprocess.run(
-        [*command, "-c", csource.ENTRY, "-o", "fmu.o"],
+        [*command, "-c", c_source.ENTRY, "-o", "fmu.o"],
         cwd=folder,
         capture_output=True,
         text=True,
@@ -140,10 +137,9 @@ def test_single_precision_costs_what_the_readme_says(name, tmp_path) -> None:
     folder = tmp_path / "single"
     fmpy.extract(str(path), str(folder))
     texts = {p.name: p.read_text("utf-8") for p in (folder / "sources").iterdir() if p.is_file()}
-    texts[csource.ENTRY] = f"#define {csource.SINGLE_PRECISION}\n" + texts[csource.ENTRY]
-    (part,) = native.TARGETS[native.host()]
+    texts[c_source.ENTRY] = f"#define {c_source.SINGLE_PRECISION}\n" + texts[c_source.ENTRY]
     library = next((folder / "binaries").rglob(f"{name}.*"))
-    library.write_bytes(native.compile_library(name, texts, part, CACHE))
+    library.write_bytes(compile_library(name, texts).read_bytes())
 
     role = {"MicronEstimator": "estimator", "TremorCanceller": "controller"}[name]
     source = {"MicronEstimator": "sensors", "TremorCanceller": "estimator"}[name]

@@ -9,7 +9,7 @@ import tempfile
 import textwrap
 from collections import Counter
 from collections.abc import Collection, Sequence
-from functools import cache, partial
+from functools import cache, lru_cache, partial
 from itertools import groupby
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ from fmu_src.kit.container import Container
 from fmu_src.kit.model import symbols_in
 from fmu_src.kit.records import Field, Scalar
 from fmu_src.pack.codegen import container_wiring as wiring
-from fmu_src.pack.codegen import optimise as lean
+from fmu_src.pack.codegen.optimise import optimise, rewrite
 
 ENTRY = "fmu.c"
 SINGLE_PRECISION = "STEADYTIP_FLOAT"
@@ -62,12 +62,12 @@ _OPTIMISE = """
 
 @cache
 def shell() -> str:
-    """Source text of the FMI shell."""
+    """Return the source text of the FMI shell."""
     return (Path(__file__).parent / "shell.c").read_text(encoding="utf-8")
 
 
 def _called(model: Model) -> dict[str, ca.Function]:
-    """What CasADi writes, under the names that it has in C; of a container, what its members do."""
+    """Return the functions of a model, or of a container's members, by their names in C."""
     if not isinstance(model, Container):
         return _recorded(model, model.derivatives)
     return {n: f for m in model.members for n, f in _recorded(m.model, False).items()}
@@ -87,11 +87,15 @@ def _recorded(model: Model, slope: bool) -> dict[str, ca.Function]:
     return found
 
 
+@lru_cache(maxsize=8)
 def functions(model: Model) -> str:
-    """C99 of what the shell calls, with the operation counts in front.
+    """Generate the C99 functions that the shell calls, with the operation counts in front.
 
     CasADi writes more than that: sparsity patterns, and functions that tell of them. They are left
     out, so that no compiler complains of unused ones.
+
+    Raises:
+        SteadytipError: CasADi has written a text of another form than is known here.
     """
     called = _called(model)
     options: Any = {"casadi_int": "int", "with_header": False}
@@ -101,14 +105,14 @@ def functions(model: Model) -> str:
     with tempfile.TemporaryDirectory() as folder:
         generator.generate(folder + "/")
         text = (Path(folder) / "functions.c").read_text(encoding="utf-8")
-    text = _EXPORTED.sub(lambda found: _kept(found, called), text)
-    text = _HEAD.sub(rf"\1{_UNUSED}", text)
-    text = lean.lean(text)
+    text = rewrite(_EXPORTED, lambda m: _if_called(m, called), text, "CASADI_SYMBOL_EXPORT ")
+    text = rewrite(_HEAD, lambda m: m[1] + _UNUSED, text, "casadi_real** arg")
+    text = optimise(text)
     # Some patterns name others, as a macro; what nothing names goes.
     while (short := _PATTERN.sub(partial(_named, Counter(_NAME.findall(text))), text)) != text:
         text = short
     if model.derivatives:
-        text = _quick_to_compile(text, list(called))
+        text = _unoptimised_slope(text, list(called))
     if isinstance(model, Container):
         text += wiring.wiring(model, work_sizes(model))
     counts = [f" * {name}: {f.n_instructions()} operations" for name, f in called.items()]
@@ -116,10 +120,10 @@ def functions(model: Model) -> str:
     return "\n".join([title, *counts, " */", text])
 
 
-def _quick_to_compile(text: str, names: list[str]) -> str:
-    """The same, what only the slope needs left as it is written, where that is long.
+def _unoptimised_slope(text: str, names: list[str]) -> str:
+    """Switch the compiler's optimiser off for what only the slope needs, where that is long.
 
-    An optimiser takes most of a long model's time for derivatives that few importers ask for.
+    It would take most of a long model's time for derivatives that few importers ask for.
     """
     others = max(text.find(f"int {name}(") for name in names[:-1])
     end = text.find("\n}\n", others) + len("\n}\n")
@@ -130,16 +134,17 @@ def _quick_to_compile(text: str, names: list[str]) -> str:
 
 
 def _named(times: Counter[str], found: re.Match[str]) -> str:
-    """The definition of a sparsity pattern if its name stands elsewhere, too; else nothing."""
+    """Return the definition of a sparsity pattern if its name stands elsewhere, too; else ""."""
     return found[0] if times[found[2]] > 1 else ""
 
 
-def _kept(found: re.Match[str], names: Collection[str]) -> str:
+def _if_called(found: re.Match[str], names: Collection[str]) -> str:
+    """Return an exported function as a static one if it is called; else ""."""
     return found[0].replace("CASADI_SYMBOL_EXPORT", "static") if found[1] in names else ""
 
 
 def work_sizes(model: Model) -> dict[str, int]:
-    """Sizes of the arrays that every function CasADi writes for a model can work with."""
+    """Return the sizes of arrays with which every function of a model can work."""
     called = _called(model).values()
     return {
         "SZ_ARG": max(f.sz_arg() for f in called),
@@ -150,7 +155,11 @@ def work_sizes(model: Model) -> dict[str, int]:
 
 
 def _spans(fields: list[Field], first: int) -> list[tuple[int, int, int]]:
-    """Runs of values that have limits (0) and long ones of values that have none (1)."""
+    """Find runs of values that have limits (0), and long ones of values that have none (1).
+
+    Returns:
+        First place, place after the last, and 0 or 1, for each run.
+    """
     found: list[tuple[int, int, int]] = []
     at = first
     for free, run in groupby(field.min == -math.inf and field.max == math.inf for field in fields):
@@ -177,7 +186,7 @@ def _pairs(name: str, pairs: Sequence[tuple[int, int]]) -> str:
 
 
 def header(model: Model, guid: str) -> str:
-    """`model.h`: sizes, names and the table of variables in the order of the value references."""
+    """Write `model.h`: sizes, names, and the variables in the order of the value references."""
     groups = model.variables
     sizes = {
         letter: len(groups[causality])
@@ -252,7 +261,7 @@ def _bound(value: float) -> str:
 
 
 def sources(model: Model, guid: str) -> dict[str, str]:
-    """Every file of the FMU's `sources/`, by name."""
+    """Return every file of the FMU's `sources/`, by name."""
     return {
         ENTRY: _ENTRY_TEXT,
         "functions.c": functions(model),

@@ -15,7 +15,7 @@ _HEAD = (
 
 
 def sizes(model: Container, work: Mapping[str, int]) -> dict[str, int]:
-    """Sizes of the arrays that the container's own functions need.
+    """Return the sizes of the arrays that the container's own functions need.
 
     Args:
         model: the container.
@@ -27,7 +27,7 @@ def sizes(model: Container, work: Mapping[str, int]) -> dict[str, int]:
 
 
 def wiring(model: Container, work: Mapping[str, int]) -> str:
-    """The functions `step`, `derive` and, where it differs from a step, `start`.
+    """Write the functions `step`, `derive` and, where it differs from a step, `start`.
 
     Args:
         model: the container.
@@ -67,7 +67,7 @@ def _gathered(sources: list[Source], starting: bool) -> Iterator[str]:
 
 
 def _called(member: Member, at: Slices, samples: int) -> Iterator[str]:
-    """A member's samples of a tick; the state goes to and fro, and ends where it belongs."""
+    """Write a member's samples of a tick; its state alternates between two places."""
     end, before = f"following + {at.x.start}", "between"
     yield f"  a[0] = p + {at.p.start}; a[1] = d + {at.d.start}; a[2] = in;"
     yield f"  o[1] = y + {at.y.start};"

@@ -32,7 +32,7 @@ _NEEDED = ("numpy", "casadi")
 
 
 def files(model: Model, flavour: str) -> dict[str, bytes]:
-    """Every one of these files, by its path in the FMU.
+    """Return every one of these files, by its path in the FMU.
 
     Args:
         model: what is packed.
@@ -58,7 +58,7 @@ def files(model: Model, flavour: str) -> dict[str, bytes]:
 
 
 def build_description(identifier: str, entry: str) -> bytes:
-    """`sources/buildDescription.xml`, in the format of FMI 3.0, which FMI 2.0.4 took over.
+    """Write `sources/buildDescription.xml`, in the format of FMI 3.0, taken over by FMI 2.0.4.
 
     Args:
         identifier: model identifier.
@@ -85,7 +85,7 @@ def _licence(model: Model, flavour: str) -> str:
 
 
 def _text_of(distribution: str) -> str:
-    """Licence text that an installed package brings with it."""
+    """Return the licence text that an installed package brings with it."""
     try:
         installed = importlib.metadata.files(distribution) or []
     except importlib.metadata.PackageNotFoundError:

@@ -20,7 +20,7 @@ _SETTLED = 0.56
 
 @cache
 def png() -> bytes:
-    """The icon, a PNG of SIZE x SIZE pixels with transparent corners."""
+    """Draw the icon, a PNG of SIZE x SIZE pixels with transparent corners."""
     y, x = np.mgrid[:SIZE, :SIZE] + 0.5
     inside = _rounded_square(x, y)
     canvas = np.empty((SIZE, SIZE, 3))
@@ -37,14 +37,14 @@ def png() -> bytes:
 
 
 def _rounded_square(x: np.ndarray, y: np.ndarray) -> np.ndarray:
-    """Signed distance from the icon's outline, negative inside [pixels]."""
+    """Return the signed distance from the icon's outline, negative inside [pixels]."""
     reach = SIZE / 2 - _CORNER
     beyond = [np.maximum(np.abs(v - SIZE / 2) - reach, 0) for v in (x, y)]
     return np.hypot(*beyond) - _CORNER
 
 
 def _distance(x: np.ndarray, y: np.ndarray, line: np.ndarray) -> np.ndarray:
-    """Distance of each pixel from a line of dense points [pixels]."""
+    """Return the distance of each pixel from a line of dense points [pixels]."""
     nearest = np.full(x.shape, np.inf)
     for px, py in line:
         np.minimum(nearest, np.hypot(x - px, y - py), out=nearest)
@@ -52,7 +52,7 @@ def _distance(x: np.ndarray, y: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 
 def _covered(distance: np.ndarray) -> np.ndarray:
-    """Share of a pixel that a shape covers whose edge is that far away."""
+    """Return the share of a pixel that a shape covers, by the distance of its edge."""
     return np.clip(0.5 - distance, 0, 1)
 
 
@@ -61,7 +61,7 @@ def _mix(canvas: np.ndarray, colour: tuple[int, ...], share: np.ndarray) -> np.n
 
 
 def _encode(pixels: np.ndarray) -> bytes:
-    """PNG (ISO/IEC 15948): eight bits each of red, green, blue, alpha; no filter."""
+    """Encode as PNG (ISO/IEC 15948): eight bits of red, green, blue, alpha; no filter."""
 
     def chunk(kind: bytes, content: bytes) -> bytes:
         checksum = zlib.crc32(kind + content)

@@ -36,7 +36,7 @@ PAPERS = {
 
 
 def html(model: Model, flavour: str) -> str:
-    """The page.
+    """Write the page.
 
     Args:
         model: what it is about.
@@ -76,7 +76,7 @@ def _markdown(text: str) -> str:
 
 
 def _groups(model: Model) -> list[tuple[str, type[Record], str]]:
-    """Titles, records, and the prefix under which their variables are known."""
+    """Return the titles, records, and the prefix under which their variables are known."""
     return [
         ("Inputs", model.inputs, ""),
         ("Outputs", model.outputs, ""),
@@ -93,7 +93,7 @@ def _responses(model: Model) -> list[response.Response]:
 
 
 def _signed(value: float, digits: int) -> str:
-    """Fixed digits, with a real minus sign, and none before zero."""
+    """Format with fixed digits, with a real minus sign, and none before zero."""
     text = f"{value:.{digits}f}"
     return text.lstrip("-") if float(text) == 0 else text.replace("-", "\N{MINUS SIGN}")
 

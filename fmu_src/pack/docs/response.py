@@ -59,7 +59,7 @@ class Response:
 
 @cache
 def responses(model: Model) -> list[Response]:
-    """Responses of all outputs that follow an input; computed once for both flavours."""
+    """Compute the responses of all outputs that follow an input; once for both flavours."""
     quiet = _without_noise(model)
     inputs = [s for s in model.variables["input"] if s.field.kind == "Real" and reach(s) > 0]
     outputs = [s for s in model.variables["output"] if s.field.kind == "Real"]
@@ -105,7 +105,7 @@ def _without_noise(model: Model) -> Model:
 
 
 def _compiled(model: Model) -> Runner:
-    """The same numbers sooner, where there is a compiler for this platform."""
+    """Return a compiled runner; where none can be compiled, a slower one with the same results."""
     try:
         return CompiledRunner(model)
     except SteadytipError:
@@ -121,7 +121,7 @@ def _times(model: Model) -> np.ndarray:
 def _at_tone(
     model: Model, scalar: Scalar, frequency: float, make: Callable[[Model], Runner]
 ) -> np.ndarray:
-    """H of every real output to one input; zero where the output is not a tone, too."""
+    """Compute H of every real output to one input; zero where the output is not a tone, too."""
     t = _times(model)
     u = np.tile(model.inputs.starts(), (len(t), 1))
     place = model.variables["input"].index(scalar)
@@ -140,7 +140,7 @@ def _at_tone(
 
 
 def _alike(source: Scalar, output: Scalar) -> bool:
-    """Whether both have the same unit, and the same axis if they have one."""
+    """Tell whether both have the same unit, and the same axis if they have one."""
     axes = [scalar.name.rpartition("_")[2] for scalar in (source, output)]
     return source.field.unit == output.field.unit and axes[0] == axes[1]
 

@@ -23,7 +23,7 @@ class Row:
 
 
 def rows(record: type[Record], prefix: str = "") -> Iterator[Row]:
-    """Fields of a record, nested ones under their dotted path."""
+    """Yield the fields of a record, nested ones under their dotted path."""
     for name, field in record.fields.items():
         if not isinstance(field, Field):
             yield from rows(field, f"{prefix}{name}.")
@@ -42,12 +42,12 @@ def rows(record: type[Record], prefix: str = "") -> Iterator[Row]:
 
 
 def source(model: Model) -> str:
-    """Path of the model's module in the project."""
+    """Return the path of the model's module in the project."""
     return sys.modules[model.step.__module__].__name__.replace(".", "/") + ".py"
 
 
 def _start(values: Iterable[float]) -> str:
-    """Start values, runs of equal ones written once."""
+    """Format start values, runs of equal ones once."""
     runs = [(value, len(list(same))) for value, same in groupby(values)]
     if len(runs) > 12:
         return "see source"

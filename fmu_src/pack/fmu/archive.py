@@ -1,16 +1,21 @@
 """FMU archives: plain zip, fixed order and times, so that equal content gives equal bytes."""
 
 import io
-import os
 import zipfile
 from collections.abc import Mapping
 from pathlib import Path
+
+from fmu_src.pack.cache import write as write_file
 
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
 def packed(files: Mapping[str, bytes]) -> bytes:
-    """An archive of files, by their names in it."""
+    """Pack files into an archive and return its bytes.
+
+    Args:
+        files: contents by name in the archive.
+    """
     content = io.BytesIO()
     with zipfile.ZipFile(content, "w", zipfile.ZIP_DEFLATED) as archive:
         # The description first: importers that stream find it at once.
@@ -24,20 +29,11 @@ def packed(files: Mapping[str, bytes]) -> bytes:
 
 
 def write(path: Path, files: Mapping[str, bytes]) -> None:
-    """Write an archive in one go; see `place`."""
-    place(path, packed(files))
-
-
-def place(path: Path, content: bytes) -> None:
-    """Write a file in one go: a reader sees the old file or the new one, never half of it."""
-    path.parent.mkdir(parents=True, exist_ok=True)
-    # A name of its own: two builds of one FMU may run at the same time.
-    partial = path.with_suffix(f".{os.getpid()}.partial")
-    partial.write_bytes(content)
-    partial.replace(path)
+    """Write an archive in one go; see `cache.write`."""
+    write_file(path, packed(files))
 
 
 def read(path: Path) -> dict[str, bytes]:
-    """All files of an archive."""
+    """Read all files of an archive, by name."""
     with zipfile.ZipFile(path) as archive:
         return {name: archive.read(name) for name in archive.namelist() if not name.endswith("/")}

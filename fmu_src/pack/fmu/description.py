@@ -40,7 +40,7 @@ _PLACEHOLDER = "guid"
 
 
 def describe(model: Model, guid: str, capabilities: Mapping[str, str], sources: list[str]) -> bytes:
-    """The model description.
+    """Write the model description.
 
     Args:
         model: what to describe.
@@ -98,7 +98,7 @@ def describe(model: Model, guid: str, capabilities: Mapping[str, str], sources: 
 
 
 def content_guid(model: Model, texts: Mapping[str, str]) -> str:
-    """A GUID that changes with anything that makes the FMU: variables, equations, shell."""
+    """Compute a GUID that changes with all that makes the FMU: variables, equations, shell."""
     digest = hashlib.sha256(describe(model, _PLACEHOLDER, {}, []))
     for name in sorted(texts):
         digest.update(f"\n{name}\n{texts[name]}".encode())
@@ -167,7 +167,7 @@ def _literal(kind: str, value: float) -> str:
 
 
 def _structure(root: etree._Element, model: Model) -> None:
-    """Outputs and initial unknowns with the dependencies that the functions really have.
+    """Add outputs and initial unknowns with the dependencies that the functions really have.
 
     Those of the outputs hold over a step of one sample: on an input that only moves the state, an
     output depends from the next sample on. Noise makes outputs depend on the seed.
@@ -200,7 +200,7 @@ def _structure(root: etree._Element, model: Model) -> None:
 
 
 def _rows(sparsity: ca.Sparsity, first: int) -> list[list[int]]:
-    """Column indices of the non-zeros of each row, counted from `first`."""
+    """Return the column indices of the non-zeros of each row, counted from `first`."""
     found: list[list[int]] = [[] for _ in range(sparsity.size1())]
     rows, columns = sparsity.get_triplet()
     for row, column in zip(rows, columns, strict=True):

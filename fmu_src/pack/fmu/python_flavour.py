@@ -17,7 +17,7 @@ _NOISE_IMPORT = "from fmu_src.kit.noise import uniforms\n"
 
 
 def files(model: Model, guid: str) -> dict[str, bytes]:
-    """Every file of the FMU.
+    """Return every file of the FMU, by its path in it.
 
     Args:
         model: what to pack.

@@ -62,7 +62,7 @@ class Slave(Fmi2Slave):
         self._start = self._time = start_time
 
     def enter_initialization_mode(self) -> None:
-        """Outputs are those of the first sample from here on."""
+        """Compute the outputs of the first sample."""
         self._mode = "initialization"
 
     def exit_initialization_mode(self) -> None:
@@ -117,17 +117,17 @@ class Slave(Fmi2Slave):
     # Values
 
     def get_real(self, vrs: list[int]) -> list[float]:
-        """Values of some real variables."""
+        """Return the values of some real variables."""
         if self._mode == "initialization":
             self._initialise()
         return [float(v) for v in self._values[self._checked(vrs, "Real")]]
 
     def get_integer(self, vrs: list[int]) -> list[int]:
-        """Values of some integer variables."""
+        """Return the values of some integer variables."""
         return [int(v) for v in self._values[self._checked(vrs, "Integer")]]
 
     def get_boolean(self, vrs: list[int]) -> list[bool]:
-        """Values of some boolean variables."""
+        """Return the values of some boolean variables."""
         if self._mode == "initialization":
             self._initialise()
         return [bool(v) for v in self._values[self._checked(vrs, "Boolean")]]
@@ -198,7 +198,7 @@ class Slave(Fmi2Slave):
 
 
 def _bound(function: Any, arguments: tuple[Any, ...], results: tuple[Any, ...]) -> Any:
-    """A call without arguments that reads and writes fixed arrays, without allocation."""
+    """Return a call without arguments that reads and writes fixed arrays, without allocation."""
     buffer, evaluate = function.buffer()
     for place, array in enumerate(arguments):
         buffer.set_arg(place, array.data)

@@ -55,14 +55,14 @@ _DESCRIPTION = "Layered Standard providing information on related files included
 
 
 def reach(scalar: Scalar) -> float:
-    """How far an input moves from its start, within its limits."""
+    """Return the range of an input about its start, within its limits."""
     field = scalar.field
     wanted = _SHARE * abs(scalar.start) if scalar.start else REACH.get(field.unit, 0.0)
     return min(wanted, field.max - scalar.start, scalar.start - field.min)
 
 
 def stimulus(model: Model) -> np.ndarray:
-    """Inputs of the reference, a row every EVERY samples, the last one at the end of the run.
+    """Return the inputs of the reference, a row every EVERY samples, the last at the end.
 
     Numbers are those of the file, that is, rounded to six digits. Booleans are the opposite of
     their start from 0.6 to 0.7 of the run. Shape (DEFAULT_SAMPLES / EVERY + 1, inputs).
@@ -83,7 +83,7 @@ def stimulus(model: Model) -> np.ndarray:
 
 
 def compared(model: Model) -> list[str]:
-    """Names of the outputs in the reference: first elements before second ones, at most OUTPUTS."""
+    """Return the names of at most OUTPUTS outputs: first elements before second ones."""
     scalars = model.variables["output"]
     seen: dict[int, int] = {}
     ranks = []
@@ -97,7 +97,7 @@ def compared(model: Model) -> list[str]:
 def outputs(
     model: Model, u: np.ndarray, make: Callable[[Model], Runner] = Runner
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Outputs of a run from the start values.
+    """Run a model from its start values.
 
     Args:
         model: what to run.
@@ -118,7 +118,7 @@ def outputs(
 
 @cache
 def files(model: Model) -> dict[str, bytes]:
-    """Every file of the reference, by its path in the FMU."""
+    """Return every file of the reference, by its path in the FMU."""
     u = stimulus(model)
     inputs = [scalar.name for scalar in model.variables["input"]]
     initial, y = outputs(model, np.repeat(u[:-1], EVERY, axis=0))

@@ -2,23 +2,21 @@
 
 from __future__ import annotations
 
-import hashlib
 import math
 import re
 import stat
 import sys
 from collections.abc import Sequence
 from functools import cache
-from importlib.metadata import version
 from pathlib import Path
 
-from fmu_src.pack.fmu import native
+from fmu_src.pack.cache import write
+from fmu_src.pack.compiler import FOLDER, compile_c
 from harness.can.database import Database, load
 from harness.common.errors import ProblemsError, SteadytipError
 
 __all__ = ["build_board", "sources"]
 
-_CACHE = Path("build") / "c"
 _HERE = Path(__file__).parent
 _PREFIX = "bus"
 _NODE = "Board"
@@ -50,20 +48,19 @@ def build_board(dbc: str = "instrument", flags: Sequence[str] = ()) -> Path:
         )
     arguments = (*_FLAGS, *flags)
     texts = sources(dbc)
-    named = "\n".join([*texts, *texts.values(), *arguments, version("ziglang")])
-    digest = hashlib.sha256(named.encode()).hexdigest()[:16]
-    folder = (_CACHE / "board" / f"{Path(dbc).stem}-{digest}").resolve()
-
-    def compile_board() -> bytes:
-        units = [name for name in texts if name.endswith(".c")]
-        try:
-            return native.compile_c(texts, [*units, *arguments, "-o", "board"], "board", _CACHE)
-        except SteadytipError as error:
-            raise SteadytipError(f"the compiler refused the board for {dbc}:\n{error}") from None
-
+    units = [name for name in texts if name.endswith(".c")]
+    try:
+        program = compile_c(texts, [*units, *arguments, "-o", "board"], "board")
+    except SteadytipError as error:
+        raise SteadytipError(f"the compiler refused the board for {dbc}:\n{error}") from None
+    folder = (FOLDER / "board" / f"{Path(dbc).stem}-{program.name[:16]}").resolve()
     for name in ("bus.c", "bus.h", "attributes.h"):
-        native.kept(folder / name, texts[name].encode)
-    return native.kept(folder / "board", compile_board, mode=stat.S_IRWXU)
+        if not (folder / name).is_file():
+            write(folder / name, texts[name].encode())
+    board = folder / "board"
+    if not board.is_file():
+        write(board, program.read_bytes(), mode=stat.S_IRWXU)
+    return board
 
 
 @cache

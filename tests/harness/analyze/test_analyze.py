@@ -14,7 +14,7 @@ from fmu_src.errors import SteadytipError
 from fmu_src.kit import Model, Outputs, Parameters, State
 from fmu_src.kit.records import Inputs, boolean, real
 from fmu_src.pack.codegen.c_source import sources
-from fmu_src.pack.compiled_runner import CACHE
+from fmu_src.pack.compiler import host
 from fmu_src.pack.fmu import archive, native
 from fmu_src.pack.fmu.description import content_guid
 from harness.analyze import analysis as analysis_module
@@ -83,7 +83,7 @@ def body(tmp_path_factory: pytest.TempPathFactory) -> Path:
     model = Model("Frame", frame, Share, Recorded, NoState, Places, sample_period=STEP)
     guid = content_guid(model, sources(model, ""))
     path = folder / "Frame.fmu"
-    archive.write(path, native.files(model, guid, [native.host()], CACHE))
+    archive.write(path, native.files(model, guid, [host()]))
     return path
 
 

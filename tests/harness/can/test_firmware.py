@@ -33,7 +33,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
-from fmu_src.pack.fmu import native
+from fmu_src.pack.compiler import compile_c
 from harness.can.channel import Address
 from harness.can.controller_node import ControllerNode
 from harness.can.database import load
@@ -322,9 +322,8 @@ def test_portable_part_compiles_for_a_microcontroller(dbc, tmp_path) -> None:
     )
     texts["math.h"] = "double round(double);\n"
     for name in units:
-        made = native.compile_c(
-            texts, [*arguments, "-I.", "-c", name, "-o", "unit.o"], "unit.o", Path("build/c")
-        )
+        flags = [*arguments, "-I.", "-c", name, "-o", "unit.o"]
+        made = compile_c(texts, flags, "unit.o").read_bytes()
         assert made[:4] == b"\x7fELF"
         assert made[18] == 40, "machine is ARM"
         for word in (b"malloc", b"printf", b"errno"):
@@ -663,16 +662,7 @@ def shim(dbc: str) -> ctypes.CDLL:
     texts = {n: t for n, t in sources(dbc).items() if not n.startswith(("host", "faults"))}
     texts["shim.c"] = _SHIM
     arguments = ["shim.c", "board.c", "bus.c", "-std=c99", "-shared", "-fPIC", "-O1", "-o", "shim"]
-    folder = Path("build/c/board").resolve()
-    key = str(abs(hash(tuple(texts.items()))))
-    made = native.kept(
-        folder / f"shim-{dbc}-{os.getpid()}-{key}",
-        lambda: native.compile_c(texts, arguments, "shim", Path("build/c")),
-        mode=0o700,
-    )
-    library = ctypes.CDLL(str(made))
-    made.unlink()
-    return library
+    return ctypes.CDLL(str(compile_c(texts, arguments, "shim")))
 
 
 @dataclass(frozen=True)

@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 import steadytip
-from fmu_src.pack.fmu import native
+from fmu_src.pack import compiler
 from harness.bench import other_hosts as contenders
 from harness.common.errors import PartError
 from harness.loop import native as native_loop
@@ -112,9 +112,17 @@ def test_a_part_that_comes_back_after_all_changes_nothing(write_scenario, tmp_pa
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
     """A folder without a compiled library."""
-    monkeypatch.setattr(native_loop, "_FOLDER", tmp_path / "c" / "runs")
+    original, own_files = compiler._compile, compiler.FOLDER.resolve()
+
+    def compile_here(*arguments):
+        with monkeypatch.context() as patch:
+            patch.setattr(compiler, "FOLDER", own_files)
+            return original(*arguments)
+
+    monkeypatch.setattr(compiler, "FOLDER", tmp_path)
+    monkeypatch.setattr(compiler, "_compile", compile_here)
     native_loop.library.cache_clear()
-    yield tmp_path / "c" / "runs"
+    yield tmp_path / "compiled"
     native_loop.library.cache_clear()
 
 
@@ -123,23 +131,23 @@ def test_it_is_compiled_once_and_again_when_damaged(elsewhere, monkeypatch):
     (kept,) = elsewhere.iterdir()
     native_loop.library.cache_clear()
     with monkeypatch.context() as patch:
-        patch.setattr(native_loop, "compiled", lambda *_: pytest.fail("it is there already"))
+        patch.setattr(compiler, "_compile", lambda *_: pytest.fail("it is there already"))
         assert native_loop.library() is not None
     # In another folder: the system gives a library that is loaded already by its name.
-    other = elsewhere.with_name("others")
-    other.mkdir()
+    other = elsewhere.parent / "other" / "compiled"
+    other.mkdir(parents=True)
     (other / kept.name).write_bytes(b"no library")
-    monkeypatch.setattr(native_loop, "_FOLDER", other)
+    monkeypatch.setattr(compiler, "FOLDER", other.parent)
     native_loop.library.cache_clear()
     assert native_loop.library() is not None
     assert (other / kept.name).read_bytes() == kept.read_bytes()
 
 
-@pytest.mark.parametrize("target", native.TARGETS)
-def test_it_compiles_for_every_platform_without_a_warning(target, tmp_path):
-    for part in native.TARGETS[target]:
+@pytest.mark.parametrize("folder", compiler.TARGETS)
+def test_it_compiles_for_every_platform_without_a_warning(folder):
+    for target in compiler.TARGETS[folder]:
         warnings = ("-Wall", "-Wextra", "-Werror", "-pedantic", "-Wno-unused-parameter")
-        library = native_loop.compiled(part, tmp_path, *warnings)
+        library = native_loop.compiled(target, *warnings).read_bytes()
         assert library[:4] in (b"\x7fELF", b"MZ\x90\0", b"MZx\0", b"\xcf\xfa\xed\xfe")
 
 
@@ -149,7 +157,7 @@ def test_without_a_compiler_the_loop_goes_tick_by_tick(
     def refuse(*_):
         raise steadytip.SteadytipError("no compiler")
 
-    monkeypatch.setattr("fmu_src.pack.fmu.native.compile_c", refuse)
+    monkeypatch.setattr(compiler, "_compile", refuse)
     result = steadytip.run(write_scenario("[part.p]\nfmu = PROBE\n"), out=tmp_path, report=False)
     assert native_loop.library() is None
     assert np.array_equal(result.signals("p.count"), np.arange(1, 1001))

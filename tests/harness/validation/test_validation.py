@@ -2,7 +2,6 @@
 
 import json
 import re
-import subprocess
 import sys
 import zipfile
 from collections.abc import Callable
@@ -10,7 +9,6 @@ from pathlib import Path
 from xml.etree import ElementTree
 
 import pytest
-from fmpy import sharedLibraryExtension
 
 from fmu_src import pack
 from fmu_src.errors import SteadytipError
@@ -19,22 +17,17 @@ from harness.parts.description import platform_folders
 from harness.validation.checks import FILES, ITEMS, PROBES
 from harness.validation.reports import write_json, write_junit
 from harness.validation.verdict import Validation, validate
-from tests.harness.conftest import HERE, PackProbe
+from tests.harness.conftest import HERE, PackProbe, compile_probe
 
 QUICK = 4.0  # s that a hanging probe is waited for
 
 
 @pytest.fixture(scope="session")
-def pack_defect(pack_probe: PackProbe, tmp_path_factory) -> Callable[..., Path]:
+def pack_defect(pack_probe: PackProbe) -> Callable[..., Path]:
     """Compiles the probe FMU with a defect."""
 
     def defective(*macros: str) -> Path:
-        binary = tmp_path_factory.mktemp("defect") / f"probe{sharedLibraryExtension}"
-        command = [sys.executable, "-m", "ziglang", "cc", "-std=gnu11", "-O1", "-shared"]
-        command += ["-fvisibility=hidden", *([] if sys.platform == "win32" else ["-fPIC", "-lm"])]
-        command += [f"-D{macro}" for macro in macros]
-        subprocess.run([*command, str(HERE / "probe.c"), "-o", str(binary)], check=True)
-        return pack_probe(binary=binary.read_bytes())
+        return pack_probe(binary=compile_probe(*macros).read_bytes())
 
     return defective
 
