@@ -14,13 +14,13 @@ import typer
 
 from harness import identify
 
-app = typer.Typer(help="Parameters of models from recordings.", no_args_is_help=True)
+app = typer.Typer(help="Identify parameters of models from recordings.", no_args_is_help=True)
 
 
 @app.callback()
 def _topics() -> None:
     # Without a callback, typer would make the only command out of the only topic.
-    """Parameters of models from recordings."""
+    """Identify parameters of models from recordings."""
 
 
 def _commands() -> Iterator[tuple[str, str]]:

@@ -25,7 +25,7 @@ from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter, memory_folder
 from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
 from harness.parts.can.feed import FeedPart
-from harness.recordings.run_record import read_metadata, read_table, record_file
+from harness.recordings.run_record import read_metadata, read_record, record_file
 from harness.results.result import Result
 from harness.running import default_folder, perform
 from harness.scenario import load as scenarios
@@ -302,8 +302,8 @@ class _Rig:
         if self._board is None or self._feed is None:
             return None, {}
         try:
-            world = read_table(record_file(self._board.folder))
-            loop = read_table(record_file(self._folder))
+            world = read_record(record_file(self._board.folder))
+            loop = read_record(record_file(self._folder))
         except SteadytipError:
             return None, {}
         table = _joined(loop, self._feed.name, world)

@@ -21,7 +21,7 @@ from harness.common.types import FloatArray, PortType
 from harness.parts.ports import Port, unit_of
 from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
-from harness.recordings.run_record import read_schema, read_table, values_of
+from harness.recordings.run_record import read_record, read_schema, values_of
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
 
@@ -61,7 +61,7 @@ class RecordedPart(RowsPart):
         if "time" not in schema.names or not fields:
             parts = {n.rpartition(".")[0] for n in schema.names if "." in n}
             raise SteadytipError(f"{self._path} has no signals of '{of}'; {nearest(of, parts)}")
-        table = read_table(self._path, ["time", *(field.name for field in fields)])
+        table = read_record(self._path, ["time", *(field.name for field in fields)])
         if len(table) == 0:
             raise SteadytipError(f"{self._path} is empty")
         self.outputs: Sequence[Port] = [

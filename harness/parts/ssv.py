@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,6 +16,13 @@ from harness.parts.ports import Unit
 __all__ = ["SsvValue", "find_values", "read_ssv", "write_ssv"]
 
 _BOOLEANS = {"true": True, "1": True, "false": False, "0": False}
+_TYPES: Mapping[str, Callable[[str], float | int | bool | str]] = {
+    "Real": float,
+    "Integer": int,
+    "Enumeration": int,
+    "Boolean": lambda text: _BOOLEANS[text.strip()],
+    "String": lambda text: text,
+}
 
 
 @dataclass(frozen=True)
@@ -23,9 +30,9 @@ class SsvValue:
     """One parameter of a set.
 
     Attributes:
-        value: of the type that the file says.
-        unit: name of the unit; None where the file gives none.
-        definition: what that unit is made of; None where the file does not say.
+        value: value of the type that the file gives.
+        unit: name of the unit; None if the file gives none.
+        definition: definition of the unit; None if the file gives none.
     """
 
     value: float | int | bool | str
@@ -37,7 +44,7 @@ def read_ssv(path: Path) -> dict[str, SsvValue]:
     """Read the values of a parameter set by name.
 
     Raises:
-        SteadytipError: no such file, not a parameter set, or a value that is not of its type.
+        SteadytipError: the file does not exist, is no parameter set, or a value has another type.
     """
     if not path.is_file():
         raise SteadytipError(f"parameter set {path} does not exist")
@@ -50,14 +57,14 @@ def read_ssv(path: Path) -> dict[str, SsvValue]:
 
 
 def find_values(root: Any, where: str) -> dict[str, SsvValue]:
-    """Values of a checked parameter set by name.
+    """Return the values of a checked parameter set by name.
 
     Args:
         root: its root element.
         where: its name, for messages.
 
     Raises:
-        SteadytipError: a parameter that is given twice, or a value that cannot be used.
+        SteadytipError: a parameter is given twice, or a value cannot be used.
     """
     units = markup.find_units(root, "ssv")
     values: dict[str, SsvValue] = {}
@@ -68,7 +75,7 @@ def find_values(root: Any, where: str) -> dict[str, SsvValue]:
         unit = entry.get("unit")
         kind = etree.QName(entry).localname
         try:
-            value = _typed(kind, entry.get("value"))
+            value = _TYPES[kind](entry.get("value"))
         except (KeyError, ValueError, TypeError):
             raise SteadytipError(
                 f"{where}: parameter '{name}' = {entry.get('value')!r} is not usable as {kind}"
@@ -79,14 +86,14 @@ def find_values(root: Any, where: str) -> dict[str, SsvValue]:
 
 
 def write_ssv(name: str, values: Mapping[str, SsvValue]) -> bytes:
-    """Return a parameter set as a file holds it.
+    """Return the content of the file of a parameter set.
 
-    A set has to define its units, and can define only those made of whole powers of base units:
-    the others (`m/s2/Hz0.5`) are left out.
+    A set must define its units. It can only define units of whole powers of base units; others
+    (`m/s2/Hz0.5`) are left out.
 
     Args:
-        name: of the set.
-        values: by name of the parameter.
+        name: name of the set.
+        values: values by name of the parameter.
     """
     root = markup.element("ssv", name=name)
     parameters = etree.SubElement(root, markup.tag("ssv", "Parameters"))
@@ -110,15 +117,3 @@ def _written(value: float | int | bool | str) -> tuple[str, str]:
     if isinstance(value, int):
         return "Integer", str(value)
     return ("Real", repr(value)) if isinstance(value, float) else ("String", value)
-
-
-def _typed(kind: str, text: str) -> float | int | bool | str:
-    if kind == "Real":
-        return float(text)
-    if kind in {"Integer", "Enumeration"}:
-        return int(text)
-    if kind == "Boolean":
-        return _BOOLEANS[text.strip()]
-    if kind == "String":
-        return text
-    raise ValueError

@@ -1,1 +1,1 @@
-"""Recordings that people bring: tables in many dialects, and what they hold."""
+"""Recordings by users: tables in many dialects, and the signals in them."""

@@ -16,29 +16,19 @@ from harness.common.errors import SteadytipError
 from harness.common.types import PortType
 
 STREAM, PARQUET, CSV = "results.arrows", "results.parquet", "results.csv"
-
-
 METRICS, REPORT = "metrics.json", "report.html"
-
-
 OUTPUTS = (STREAM, PARQUET, CSV, METRICS, REPORT)
-
-
 METADATA_KEY = b"steadytip"
-
-
 ARROW_TYPES: Mapping[PortType, pa.DataType] = {
     "Real": pa.float64(),
     "Integer": pa.int32(),
     "Boolean": pa.bool_(),
 }
-
-
 _NUMPY: Mapping[PortType, type] = {"Real": np.float64, "Integer": np.int32, "Boolean": np.bool_}
 
 
 def read_batches(stream: Path) -> Iterator[pa.RecordBatch]:
-    """Whole chunks of a stream; a chunk that was cut off ends it."""
+    """Yield the complete chunks of a stream; a chunk that was cut off ends it."""
     with pa.OSFile(str(stream), "rb") as source, pa.ipc.open_stream(source) as reader:
         while True:
             try:
@@ -48,10 +38,10 @@ def read_batches(stream: Path) -> Iterator[pa.RecordBatch]:
 
 
 def record_file(path: Path) -> Path:
-    """The record in a run's folder, finished or not; a file is taken as it is.
+    """Return the record in a run's folder, finished or not; return a file as it is.
 
     Raises:
-        SteadytipError: there is none.
+        SteadytipError: there is no record.
     """
     candidates = [path / PARQUET, path / STREAM] if path.is_dir() else [path]
     for file in candidates:
@@ -65,11 +55,11 @@ def record_file(path: Path) -> Path:
 
 
 def is_finished(file: Path) -> bool:
-    """Whether a record is one that does not grow any more."""
+    """Return True if a record does not grow any more."""
     return file.suffix == Path(PARQUET).suffix
 
 
-def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
+def read_record(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
     """Read a record of either format.
 
     Args:
@@ -77,13 +67,13 @@ def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
         columns: only these; all by default.
 
     Raises:
-        SteadytipError: it is not one.
+        SteadytipError: the file is not a record.
     """
     try:
         if is_finished(file):
             # Not `parquet.read_table`: it looks for data sets of many files, and loads Pandas.
-            with parquet.ParquetFile(file) as whole:
-                return whole.read(columns)
+            with parquet.ParquetFile(file) as opened:
+                return opened.read(columns)
         table = pa.Table.from_batches(read_batches(file), read_schema(file))
         return table if columns is None else table.select(columns)
     except (pa.ArrowException, OSError) as error:
@@ -91,15 +81,15 @@ def read_table(file: Path, columns: Sequence[str] | None = None) -> pa.Table:
 
 
 def read_schema(file: Path) -> pa.Schema:
-    """Names, types and units of a record's columns, and about the run; see `read_metadata`.
+    """Read names, types and units of a record's columns, and the run's metadata.
 
     Raises:
-        SteadytipError: it is not a record.
+        SteadytipError: the file is not a record.
     """
     try:
         if is_finished(file):
-            with parquet.ParquetFile(file) as whole:
-                return whole.schema_arrow
+            with parquet.ParquetFile(file) as opened:
+                return opened.schema_arrow
         with pa.OSFile(str(file), "rb") as source:
             return pa.ipc.open_stream(source).schema
     except (pa.ArrowException, OSError) as error:
@@ -107,7 +97,7 @@ def read_schema(file: Path) -> pa.Schema:
 
 
 def values_of(column: pa.ChunkedArray) -> NDArray[Any]:
-    """(n,) values of a column without gaps; `to_numpy` would load Pandas where there is one."""
+    """Return the values of a column, (n,); `to_numpy` would load Pandas."""
     kind = next((k for k, arrow in ARROW_TYPES.items() if arrow == column.type), None)
     if kind is None or column.null_count:
         return np.asarray(column.to_numpy())
@@ -124,6 +114,6 @@ def _piece(chunk: pa.Array, kind: PortType) -> NDArray[Any]:
 
 
 def read_metadata(schema: pa.Schema) -> dict[str, Any]:
-    """The JSON object about the run; empty if the schema is not of a run's record."""
+    """Return the JSON object about the run; empty if the schema is not of a run's record."""
     metadata = schema.metadata or {}
     return dict(json.loads(metadata.get(METADATA_KEY, b"{}")))

@@ -19,8 +19,8 @@ from harness.recordings.run_record import (
     REPORT,
     is_finished,
     read_metadata,
+    read_record,
     read_schema,
-    read_table,
     record_file,
     values_of,
 )
@@ -51,7 +51,7 @@ class Result:
     @cached_property
     def table(self) -> pa.Table:
         """All signals: `time` and `part.port`, units in the fields' metadata."""
-        return read_table(self.file)
+        return read_record(self.file)
 
     @cached_property
     def _schema(self) -> pa.Schema:
@@ -110,7 +110,7 @@ class Result:
 
     def _columns(self, names: Sequence[str]) -> FloatArray:
         # A record that still grows is read once: all signals are of the same ticks.
-        table = read_table(self.file, names) if is_finished(self.file) else self.table
+        table = read_record(self.file, names) if is_finished(self.file) else self.table
         values = np.empty((len(table), len(names)))
         for k, name in enumerate(names):
             values[:, k] = values_of(table.column(name))

@@ -1,4 +1,4 @@
-"""What an Allan deviation shows: table for the terminal, curves for the page."""
+"""Results of an Allan deviation: table for the terminal, curves for the page."""
 
 from __future__ import annotations
 
@@ -8,17 +8,16 @@ from pathlib import Path
 import numpy as np
 import plotly.graph_objects as go
 
-from harness.common.errors import SteadytipError
-from harness.common.files import reason
 from harness.identify.allan.fit import CONFIDENCE, TERMS, Noise
-from harness.report.page import Plot, Section, Table, made_with, write_sections
+from harness.identify.page import write_topic_page
+from harness.report.page import Plot, Section, Table
 from harness.report.plots import GREY, SERIES, layout, line
 
 __all__ = ["curves", "term_table", "write_page"]
 
 Found = Mapping[str, tuple[Noise, float, str]]
-"""Noise of each signal, the factor to what it measures, and the unit of that."""
-_WORDS = {
+"""Noise of each signal, the factor to the measured quantity, and its unit."""
+_TERM_TITLES = {
     "quantisation": "quantisation Q",
     "white": "white noise N",
     "bias": "bias instability B",
@@ -29,7 +28,7 @@ _WORDS = {
 
 
 def term_table(found: Found) -> Table:
-    """Each term with its interval."""
+    """Tabulate each term with its interval."""
     rows = []
     for name, (noise, factor, unit) in found.items():
         for key in TERMS:
@@ -38,7 +37,7 @@ def term_table(found: Found) -> Table:
                 rows.append(
                     (
                         name,
-                        _WORDS[key],
+                        _TERM_TITLES[key],
                         f"{factor * term.value:.4g}",
                         f"{factor * term.half:.2g}",
                         (unit or "1") + TERMS[key][1],
@@ -53,11 +52,11 @@ def term_table(found: Found) -> Table:
 
 
 def curves(found: Iterable[tuple[str, Noise, float]], unit: str) -> go.Figure:
-    """Root Allan deviation of signals of one unit, with what the terms make of the first.
+    """Plot the root Allan deviation of signals of one unit, and the terms of the first one.
 
     Args:
         found: name, noise and factor to the unit.
-        unit: of the deviation, for people.
+        unit: unit of the deviation, for people.
     """
     figure = go.Figure()
     for k, (name, noise, factor) in enumerate(found):
@@ -82,7 +81,7 @@ def curves(found: Iterable[tuple[str, Noise, float]], unit: str) -> go.Figure:
         )
         if k == 0:
             for key, part in noise.parts.items():
-                shown = line(curve.tau, factor * np.sqrt(part), GREY, _WORDS[key], dash="dot")
+                shown = line(curve.tau, factor * np.sqrt(part), GREY, _TERM_TITLES[key], dash="dot")
                 figure.add_trace(shown)
     figure.update_xaxes(type="log", title_text="averaging time, s", exponentformat="power")
     figure.update_yaxes(
@@ -109,18 +108,14 @@ def write_page(path: Path, recording: Path, found: Found) -> Path:
         )
         title = f"Signals in {unit}" if unit else "Signals"
         sections.append(Section(title, tuple(notes), (term_table(some),), (plot,)))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return write_sections(
-            path,
-            "Noise at rest",
-            f"Allan deviation of {recording.name}",
-            (
-                "N is a one-sided density; the velocity or angle random walk of a data sheet is "
-                "N / √2. A term is listed where the curve shows it.",
-            ),
-            sections,
-            made_with("allantools", "numpy", "scipy", "plotly"),
-        )
-    except OSError as error:
-        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
+    return write_topic_page(
+        path,
+        "Noise at rest",
+        f"Allan deviation of {recording.name}",
+        (
+            "N is a one-sided density; the velocity or angle random walk of a data sheet is "
+            "N / √2. A term is listed where the curve shows it.",
+        ),
+        sections,
+        "allantools",
+    )

@@ -1,4 +1,7 @@
-"""From noise terms to a filter's covariances: which parameter takes which term of which signal."""
+"""Parameter files of a filter's covariances, from the noise terms of signals.
+
+An assignment says which parameter takes which term of which signals.
+"""
 
 from __future__ import annotations
 
@@ -13,12 +16,20 @@ from fmu_src.kit.records import Scalar
 from fmu_src.kit.units import exponents
 from fmu_src.pack.build import load_model
 from harness.common.errors import ProblemsError, SteadytipError, nearest
-from harness.identify.allan.fit import TERMS, Noise, Record
-from harness.identify.imu.turntable import ACCELEROMETERS, CHANNELS
-from harness.identify.parameter_files import write_scalars
+from harness.identify.allan.fit import TERMS, Noise
+from harness.identify.parameter_files import write_parameters
 from harness.parts.ssv import read_ssv
+from harness.recordings.still import StillSignal
+from harness.recordings.turntable import ACCELEROMETERS, CHANNELS, MAGNETOMETERS
 
-__all__ = ["CONVENTIONS", "Wish", "in_quantity", "parse_wish", "shipped_wishes", "write_set"]
+__all__ = [
+    "CONVENTIONS",
+    "Assignment",
+    "default_assignments",
+    "measured_quantity",
+    "parse_assignment",
+    "write_covariances",
+]
 
 CONVENTIONS: Mapping[str, tuple[str, str]] = {
     "rate_noise": ("white", "rate_"),
@@ -32,8 +43,8 @@ _SIGMA = "magnetometer.sigma"
 
 
 @dataclass(frozen=True)
-class Wish:
-    """A parameter that is to take a term of one signal, or the rms of several.
+class Assignment:
+    """A parameter that takes a term of one signal, or the rms over several signals.
 
     Attributes:
         parameter: element as the model names it.
@@ -46,11 +57,11 @@ class Wish:
     columns: tuple[str, ...]
 
 
-def parse_wish(text: str) -> Wish:
-    """`gyro.density=white:rate_x` or `PARAMETER=TERM:COLUMN,COLUMN`.
+def parse_assignment(text: str) -> Assignment:
+    """Parse `gyro.density=white:rate_x` or `PARAMETER=TERM:COLUMN,COLUMN`.
 
     Raises:
-        SteadytipError: not of that form, or no such term.
+        SteadytipError: the text has another form, or there is no such term.
     """
     parameter, equals, rest = text.partition("=")
     term, colon, columns = rest.partition(":")
@@ -60,70 +71,74 @@ def parse_wish(text: str) -> Wish:
         )
     if term not in TERMS:
         raise SteadytipError(f"--into {text}: '{term}' is no term; {nearest(term, TERMS)}")
-    return Wish(parameter, term, tuple(columns.split(",")))
+    return Assignment(parameter, term, tuple(columns.split(",")))
 
 
-def shipped_wishes(
+def default_assignments(
     model: str, found: Mapping[str, tuple[Noise, float, str]]
-) -> tuple[list[Wish], list[str]]:
-    """What a model takes of signals that are called as the instrument's channels and ports are.
+) -> tuple[list[Assignment], list[str]]:
+    """Assign terms to parameters by the names of the instrument's channels and ports.
 
-    Of MicronEstimator each channel's density; of models with parameters that end in one of
-    `CONVENTIONS` the rms over the axes. A term that does not show leaves its parameter as it is,
-    which the notes say.
+    MicronEstimator takes the density of each channel. Models with parameters that end in one of
+    `CONVENTIONS` take the rms over the axes. A parameter keeps its value if its term does not show;
+    a note tells it.
 
     Args:
-        model: whose parameters they are.
-        found: noise by the signal's name, and what measures it.
+        model: name of the model.
+        found: noise by name of the signal, see `write_covariances`.
 
     Returns:
-        What goes where, and notes.
+        Assignments, and notes.
 
     Raises:
         SteadytipError: no such model.
     """
     names = [scalar.name for scalar in load_model(model).parameters.scalars()]
     called = {channel(name): name for name in found}
-    wishes = [
-        Wish(f"accelerometer.density[{i}]", "white", (called[name],))
+    assignments = [
+        Assignment(f"accelerometer.density[{i}]", "white", (called[name],))
         for i, name in enumerate(ACCELEROMETERS, start=1)
         if name in called
     ]
-    field = tuple(called[name] for name in CHANNELS[len(ACCELEROMETERS) :] if name in called)
-    wishes += [Wish(_SIGMA, "sample", field)] if field else []
+    field = tuple(called[name] for name in MAGNETOMETERS if name in called)
+    assignments += [Assignment(_SIGMA, "sample", field)] if field else []
     for parameter in names:
         if parameter.rpartition(".")[2] not in CONVENTIONS:
             continue
         term, port = CONVENTIONS[parameter.rpartition(".")[2]]
         ports = tuple(name for name in found if port in name.lower().replace(".", "_"))
-        wishes += [Wish(parameter, term, ports)] if ports else []
-    wishes = [wish for wish in wishes if wish.parameter in names]
-    there, notes = [], []
-    for wish in wishes:
-        lacking = [name for name in wish.columns if wish.term not in found[name][0].terms]
+        assignments += [Assignment(parameter, term, ports)] if ports else []
+    assignments = [assignment for assignment in assignments if assignment.parameter in names]
+    present, notes = [], []
+    for assignment in assignments:
+        lacking = [
+            name for name in assignment.columns if assignment.term not in found[name][0].terms
+        ]
         if lacking:
-            notes.append(f"{', '.join(lacking)}: no {wish.term} shows; {wish.parameter} stays")
+            notes.append(
+                f"{', '.join(lacking)}: no {assignment.term} shows; {assignment.parameter} stays"
+            )
         else:
-            there.append(wish)
-    return there, notes
+            present.append(assignment)
+    return present, notes
 
 
-def in_quantity(record: Record, parameters: Path | None) -> tuple[float, str]:
-    """Factor from a signal's unit to what it measures, and that unit.
+def measured_quantity(signal: StillSignal, parameters: Path | None) -> tuple[float, str]:
+    """Return the factor from the unit of a signal to that of the measured quantity, and this unit.
 
-    Volts of the instrument's own channels are specific force or field by their scale, which is the
-    data sheet's, or that of a parameter set as `identify imu` writes it; all else is what it is.
+    Volts of the instrument's own channels are specific force or field. The scale is that of the
+    data sheet, or of a parameter file as `identify imu` writes it. Other signals keep their unit.
 
     Raises:
-        SteadytipError: a set without the channel's scale.
+        SteadytipError: the parameter file lacks the scale of the channel.
     """
-    name = channel(record.name)
-    if record.unit != "V" or name is None:
-        return 1.0, record.unit
+    name = channel(signal.name)
+    if signal.unit != "V" or name is None:
+        return 1.0, signal.unit
     inertial = name in ACCELEROMETERS
     scale = design.ACCELEROMETER_SCALE if inertial else design.MAGNETOMETER_SCALE
     if parameters is not None:
-        group = ACCELEROMETERS if inertial else CHANNELS[len(ACCELEROMETERS) :]
+        group = ACCELEROMETERS if inertial else MAGNETOMETERS
         sensor = "accelerometer" if inertial else "magnetometer"
         key = f"{sensor}.scale[{group.index(name) + 1}]"
         values = read_ssv(parameters)
@@ -134,24 +149,24 @@ def in_quantity(record: Record, parameters: Path | None) -> tuple[float, str]:
 
 
 def channel(heading: str) -> str | None:
-    """The instrument's channel that a heading names, as `a1x` in `sensors.volts_a1x`."""
+    """Return the instrument's channel that a heading names, as `a1x` in `sensors.volts_a1x`."""
     words = heading.lower().replace(".", "_").split("_")
     return words[-1] if words and words[-1] in CHANNELS else None
 
 
-def write_set(
+def write_covariances(
     path: Path,
     model: str,
-    wishes: Sequence[Wish],
+    assignments: Sequence[Assignment],
     found: Mapping[str, tuple[Noise, float, str]],
 ) -> Path:
-    """Write the parameters that take the terms.
+    """Write the parameters that take terms to a parameter file.
 
     Args:
         path: file to write.
-        model: whose parameters they are.
-        wishes: what goes where.
-        found: noise by the signal's name, the factor to what it measures, and that unit.
+        model: name of the model.
+        assignments: which parameter takes which term.
+        found: noise by name of the signal, the factor to the measured quantity, and its unit.
 
     Raises:
         ProblemsError: no such parameter or signal, a term that does not show, another unit, or
@@ -160,32 +175,34 @@ def write_set(
     """
     scalars = {scalar.name: scalar for scalar in load_model(model).parameters.scalars()}
     problems: list[str] = []
-    values: list[tuple[Scalar, float]] = []
-    for wish in wishes:
-        text = f"{wish.parameter}={wish.term}:{','.join(wish.columns)}"
-        if wish.parameter not in scalars:
-            hint = nearest(wish.parameter, scalars)
-            problems.append(f"{text}: {model} has no parameter '{wish.parameter}'; {hint}")
+    values: dict[str, float] = {}
+    for assignment in assignments:
+        text = f"{assignment.parameter}={assignment.term}:{','.join(assignment.columns)}"
+        if assignment.parameter not in scalars:
+            hint = nearest(assignment.parameter, scalars)
+            problems.append(f"{text}: {model} has no parameter '{assignment.parameter}'; {hint}")
             continue
-        scalar, sizes = scalars[wish.parameter], []
-        for name in wish.columns:
+        scalar, sizes = scalars[assignment.parameter], []
+        for name in assignment.columns:
             if name not in found:
                 problems.append(f"{text}: there is no column '{name}'; {nearest(name, found)}")
                 continue
             noise, factor, unit = found[name]
-            trouble = _trouble(scalar, wish.term, name, noise, unit)
-            if trouble:
-                problems.append(f"{text}: {trouble}")
+            refusal = _refusal(scalar, assignment.term, name, noise, unit)
+            if refusal:
+                problems.append(f"{text}: {refusal}")
             else:
-                sizes.append(factor * noise.terms[wish.term].value)
-        if len(sizes) == len(wish.columns):
-            values.append((scalar, float(np.sqrt(np.mean(np.square(sizes))))))
+                sizes.append(factor * noise.terms[assignment.term].value)
+        if len(sizes) == len(assignment.columns):
+            values[scalar.name] = float(np.sqrt(np.mean(np.square(sizes))))
     if problems:
         raise ProblemsError(f"{path} is not written", problems)
-    return write_scalars(path, values, "the noise is not of the size that the model takes")
+    return write_parameters(
+        path, scalars.values(), values, "the noise is not of the size that the model takes"
+    )
 
 
-def _trouble(scalar: Scalar, term: str, name: str, noise: Noise, unit: str) -> str:
+def _refusal(scalar: Scalar, term: str, name: str, noise: Noise, unit: str) -> str:
     if term not in noise.terms:
         shown = ", ".join(noise.terms) or "nothing"
         return (

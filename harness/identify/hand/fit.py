@@ -36,21 +36,21 @@ BAND = (0.1, 15.0)
 """Frequencies that are fitted [Hz]."""
 BANDS_PER_OCTAVE = 6
 CORRECTION_BAND = (1.5, 5.0)
-"""Where neither slow intent nor tremor hides the corrections [Hz]."""
+"""Band in which neither slow intent nor tremor hides the corrections [Hz]."""
 SHORTEST = 10.0
-"""Shortest recording with intent to be seen in it [s]."""
+"""Shortest recording that shows intent [s]."""
 CARRIERS = 201
-"""Quantiles of the carrier's distribution that stand for it."""
+"""Number of quantiles that represent the distribution of the carrier."""
 LOWER_EDGES = (BAND[0], CORRECTION_BAND[0], CORRECTION_BAND[1])
-"""Where intent, corrections and tremor begin, for a first guess [Hz]."""
+"""Lower edges of intent, corrections and tremor, for a first guess [Hz]."""
 REACH = 7.0
-"""How far a variance may move from that guess, in its natural logarithm."""
+"""Largest distance of a variance from that guess, in its natural logarithm."""
 BOUNDS = {
     "intent_corner": (0.2, 1.0),
     "correction_corner": (1.0, 3.0),
     "tremor_bandwidth": (0.05, 5.0),
 }
-"""Ranges in which the kinds of motion keep their meaning [Hz]."""
+"""Ranges of the corners [Hz]."""
 
 
 def identify_hand(position: np.ndarray, rate: float) -> dict[str, float | list[float]]:
@@ -112,12 +112,12 @@ def identify_hand(position: np.ndarray, rate: float) -> dict[str, float | list[f
 
 
 def filter_density(frequency: np.ndarray, corner: float) -> np.ndarray:
-    """G: one-sided spectral density of a shaping filter of unit variance [1/Hz]."""
+    """Return G, the one-sided spectral density of a shaping filter of unit variance [1/Hz]."""
     return (1 + (frequency / corner) ** 2) ** -float(ORDER) / (np.pi * UNIT_VARIANCE * corner)
 
 
 def banded_periodogram(position: np.ndarray, rate: float) -> tuple[np.ndarray, np.ndarray]:
-    """Hann-tapered periodogram, averaged over bands that are even in the logarithm.
+    """Compute a Hann-tapered periodogram, averaged over bands that are even in the logarithm.
 
     Args:
         position: shape (samples, axes) [m].
@@ -143,7 +143,7 @@ def banded_periodogram(position: np.ndarray, rate: float) -> tuple[np.ndarray, n
 def correction_rate(
     position: np.ndarray, rate: float, correction_corner: float, variance: np.ndarray
 ) -> float:
-    """Rate of the corrections from how far the motion's band is from normal [Hz].
+    """Estimate the rate of the corrections by the kurtosis of the motion's band [Hz].
 
     Args:
         position: shape (samples, 3) [m].

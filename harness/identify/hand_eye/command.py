@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from harness.report.terminal import printed, say
-
-_console = Console()
+from harness.identify.options import CommandOutput, Out, Quiet, Report
 
 
 def command(
@@ -22,12 +19,7 @@ def command(
             " are there em_new, em_age, force_x..z, field_x..z; a run's own record will do.",
         ),
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="The set; build/identify/RECORDING.ssv by default."
-        ),
-    ] = None,
+    out: Out = None,
     unit: Annotated[
         str | None,
         typer.Option(metavar="PART", help="Part that the inertial columns belong to."),
@@ -36,24 +28,19 @@ def command(
         str | None,
         typer.Option(metavar="PART", help="Part that the tracker's columns belong to."),
     ] = None,
-    report: Annotated[bool, typer.Option(help="Write the HTML page beside the set.")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+    report: Report = True,
+    quiet: Quiet = False,
 ) -> None:
-    """Hand-eye rotation and registration of a tracker, as a parameter set for EmInertialEkf."""
-    from harness.common.errors import SteadytipError
-    from harness.identify.hand_eye import fit as hand_eye
+    """Find hand-eye rotation and registration of a tracker, as a file for EmInertialEkf."""
+    from harness.identify.hand_eye.fit import identify_hand_eye, write_hand_eye
+    from harness.identify.hand_eye.page import result_table, write_page
+    from harness.identify.hand_eye.read import read_tracked_motion
 
-    if out is not None and out.suffix != ".ssv":
-        raise SteadytipError(f"--out {out}: a parameter set ends in .ssv")
-    recorded = hand_eye.read(recording, unit, tracker)
-    found = hand_eye.identify(recorded)
-    path = out or Path("build", "identify", f"{recording.stem}.ssv")
-    files = {"parameters": hand_eye.write_set(path, found)}
+    output = CommandOutput(quiet, out, recording)
+    recorded = read_tracked_motion(recording, unit, tracker)
+    found = identify_hand_eye(recorded)
+    files = {"parameters": write_hand_eye(output.path, found)}
     if report:
-        files["page"] = hand_eye.write_page(path.with_suffix(".html"), recorded, found)
-    if not quiet:
-        _console.print(printed(hand_eye.table_of(found)))
-        for what, file in files.items():
-            say(_console, f"{what}: {file}", "dim")
-        text = f"for parts that are an EmInertialEkf: --set part.NAME.parameters={path}"
-        say(_console, text, "dim")
+        files["page"] = write_page(output.path.with_suffix(".html"), recorded, found)
+    output.tables(result_table(found))
+    output.files(files, "EmInertialEkf")

@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
-from rich.console import Console
 
-from harness.report.terminal import bar, printed, say
+from harness.identify.options import CommandOutput, Out, Quiet, Rate, Report, column
 
-_console = Console()
-_DEFAULT = "modulated-stops"
+if TYPE_CHECKING:
+    from harness.identify.hysteresis.evaluation import HysteresisEvaluation
 
 
 def command(
@@ -23,22 +23,17 @@ def command(
             " the model, or one for all of them.",
         ),
     ],
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="The set; build/identify/RECORDING.ssv by default."
-        ),
-    ] = None,
+    out: Out = None,
     operator: Annotated[
         str,
         typer.Option(
             help="What to fit: modulated-stops, prandtl-ishlinskii, rate-dependent or creeping."
         ),
-    ] = _DEFAULT,
+    ] = "modulated-stops",
     model: Annotated[
         str | None,
         typer.Option(
-            help="Model that the set is for, as TremorCanceller; the operator's own by default."
+            help="Model of the parameters, as TremorCanceller; the operator's own by default."
         ),
     ] = None,
     fit: Annotated[
@@ -49,19 +44,10 @@ def command(
             " The stack is taken to be at rest at START.",
         ),
     ] = "75%",
-    volts: Annotated[
-        str | None, typer.Option(metavar="NAME|NUMBER", help="Column of the voltage, from 1.")
-    ] = None,
-    displacement: Annotated[
-        str | None, typer.Option(metavar="NAME|NUMBER", help="Column of the displacement.")
-    ] = None,
-    time: Annotated[
-        str | None, typer.Option(metavar="NAME|NUMBER", help="Column of the time.")
-    ] = None,
-    rate: Annotated[
-        float | None,
-        typer.Option(metavar="HZ", help="Samples in a second, for tables without time."),
-    ] = None,
+    volts: Annotated[str | None, column("Column of the voltage, from 1.")] = None,
+    displacement: Annotated[str | None, column("Column of the displacement.")] = None,
+    time: Annotated[str | None, column("Column of the time.")] = None,
+    rate: Rate = None,
     volts_unit: Annotated[str | None, typer.Option(help="V, mV or kV.")] = None,
     displacement_unit: Annotated[str | None, typer.Option(help="m, mm, um or nm.")] = None,
     time_unit: Annotated[str | None, typer.Option(help="s, ms or us.")] = None,
@@ -79,89 +65,71 @@ def command(
             " voltage that is set at its time.",
         ),
     ] = 0,
-    report: Annotated[bool, typer.Option(help="Write the HTML page beside the set.")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+    report: Report = True,
+    quiet: Quiet = False,
 ) -> None:
-    """Hysteresis of an actuator, as a parameter set for any run."""
+    """Fit the hysteresis of an actuator, as a parameter file for any run."""
     import math
 
-    from harness.common.errors import SteadytipError, nearest
-    from harness.identify.hysteresis import evaluation as outcome
+    from harness.common.errors import SteadytipError
+    from harness.identify.hysteresis.evaluation import evaluate
+    from harness.identify.hysteresis.operators import find_operator
+    from harness.identify.hysteresis.page import write_page
+    from harness.identify.hysteresis.parameter_files import find_prefixes, write_operators
     from harness.identify.hysteresis.plays import FEWEST_REVERSALS
-    from harness.recordings.stack import Choice, read_response
+    from harness.recordings.quality import select_samples
+    from harness.recordings.stack import read_response
+    from harness.recordings.tables import ColumnMapping
 
-    if operator not in outcome.OPERATORS:
-        raise SteadytipError(
-            f"--operator {operator}: there is none of that name; "
-            f"{nearest(operator, outcome.OPERATORS)}"
-        )
+    chosen = find_operator(operator)
     if not (math.isfinite(gain) and gain > 0):
         raise SteadytipError(f"--gain {gain:g}: must be above 0; for a sign there is --flip")
-    if out is not None and out.suffix != ".ssv":
-        raise SteadytipError(f"--out {out}: a parameter set ends in .ssv")
-    chosen = outcome.OPERATORS[operator]
-    target = model or chosen.model.name
-    choice = Choice(
-        volts=volts,
-        displacement=displacement,
-        time=time,
-        rate=rate,
-        volts_unit=volts_unit,
-        displacement_unit=displacement_unit,
-        time_unit=time_unit,
-        gain=gain,
-        flip=flip,
-        late=late,
+    output = CommandOutput(quiet, out, recordings[0])
+    mapping = ColumnMapping(
+        {"time": time, "volts": volts, "displacement": displacement},
+        {"time": time_unit, "volts": volts_unit, "displacement": displacement_unit},
+        rate,
     )
-    responses = [read_response(path, choice, FEWEST_REVERSALS) for path in recordings]
-    parts = [outcome.fit_part(fit, response) for response in responses]
-    prefixes = outcome.places(target, chosen.record)
-    if len(responses) not in (1, len(prefixes)):
+    responses = [
+        read_response(path, FEWEST_REVERSALS, mapping, gain, flip, late) for path in recordings
+    ]
+    selections = [select_samples(fit, one.path, one.time) for one in responses]
+    target = model or chosen.model.name
+    prefixes = find_prefixes(target, chosen.record)
+    _check_count(len(responses), target, prefixes)
+    with output.progress() as add:
+        evaluations = [
+            evaluate(response, chosen, selected, add(f"fitting {response.path.name}"))
+            for response, selected in zip(responses, selections, strict=True)
+        ]
+    for one in evaluations:
+        _show(output, one)
+    fits = [one.fit for one in evaluations] * (len(prefixes) // len(evaluations))
+    named = dict(zip(prefixes, fits, strict=True))
+    files = {"parameters": write_operators(output.path, chosen.record, named)}
+    if report:
+        files["page"] = write_page(output.path.with_suffix(".html"), chosen, evaluations)
+    output.files(files, target)
+
+
+def _check_count(count: int, target: str, prefixes: Sequence[str]) -> None:
+    """Refuse a number of recordings that does not suit the model."""
+    from harness.common.errors import SteadytipError
+
+    if count not in (1, len(prefixes)):
         takes = f"{len(prefixes)} ({', '.join(p.rstrip('.') for p in prefixes)})"
         raise SteadytipError(
-            f"{len(responses)} recordings for {target}, which takes "
+            f"{count} recordings for {target}, which takes "
             f"{takes if len(prefixes) > 1 else 'one operator'}: give one recording, or one for each"
         )
-    evaluations = []
-    with bar(_console, quiet) as progress:
-        for response, part in zip(responses, parts, strict=True):
-            task = progress.add_task(f"fitting {response.path.name}", total=None)
-
-            def update(done: int, count: int, task: object = task) -> None:
-                progress.update(task, completed=done, total=count)  # type: ignore[arg-type]
-
-            evaluations.append(outcome.evaluate(response, chosen, part, update))
-
-    if not quiet:
-        for one in evaluations:
-            _show(one, chosen.title)
-    path = out or Path("build", "identify", f"{recordings[0].stem}.ssv")
-    fits = [one.identified for one in evaluations] * (len(prefixes) // len(evaluations))
-    named = dict(zip(prefixes, fits, strict=True))
-    files = {"parameters": outcome.write_set(path, chosen.record, named)}
-    if report:
-        files["page"] = outcome.write_page(path.with_suffix(".html"), chosen, evaluations)
-    if not quiet:
-        for what, file in files.items():
-            say(_console, f"{what}: {file}", "dim")
-        say(_console, f"for parts that are a {target}: --set part.NAME.parameters={path}", "dim")
 
 
-def _show(one: object, title: str) -> None:
-    from harness.identify.hysteresis.evaluation import Evaluation
+def _show(output: CommandOutput, one: HysteresisEvaluation) -> None:
+    from harness.identify.hysteresis.page import band_table, residual_table
 
-    assert isinstance(one, Evaluation)
     response = one.response
-    _console.print()
-    say(_console, f"{response.path.name}: {title}, {one.identified.order}", "bold")
-    say(
-        _console,
-        f"{len(response.time)} samples in {response.time[-1]:.4g} s; "
-        + ", ".join(response.columns.values()),
-        "dim",
-    )
-    for note in response.notes:
-        say(_console, f"note: {note}", "yellow")
-    _console.print(printed(one.residual_table()))
-    _console.print()
-    _console.print(printed(one.band_table()))
+    output.title(f"{response.path.name}: {one.operator.title}, {one.fit.order}")
+    samples = f"{len(response.time)} samples in {response.time[-1]:.4g} s"
+    output.say("; ".join((samples, ", ".join(response.columns.values()))))
+    output.notes(response.notes)
+    output.tables(residual_table(one), band_table(one))

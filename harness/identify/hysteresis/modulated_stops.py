@@ -24,20 +24,20 @@ ORDERS = (4, 6, 8, 10, 12)
 POWERS = (1.0, 1.6, 2.2)
 """Powers of the thresholds tried."""
 BLOCK = 25
-"""Samples that are fitted, or validated, in a row: short against what moves the wide plays, which
-few parts of a recording do."""
+"""Samples that are fitted, or validated, in a row. Blocks are short, because few parts of a
+recording move the wide plays."""
 WORTH = 0.005
 """Relative gain in validation below which a larger order is not taken."""
 RIDGE = 1e-3
-"""Weight of a parameter of its usual size, in shares of the recording's residual at rms 1."""
+"""Weight of a parameter of its usual size, relative to a residual of rms 1."""
 MARGIN = 2.0
-"""Least slope of an identified operator over the least with which an inverse is defined."""
+"""Least slope of an identified operator, in least slopes of a defined inverse."""
 RESTING = 1e-3
-"""Voltage, in spans, up to which a recording counts as begun at rest."""
+"""Largest first voltage of a recording that begins at rest, in spans."""
 TERMS = {"lead": slice(3, 4), "creep": slice(4, 4 + LAGS)}
-"""Columns of what may be left out of an operator."""
+"""Columns of the terms that may be left out of an operator."""
 LARGEST_LAG = 0.1
-"""Lag that may act within a sample, in shares of the stroke's span over that of the voltage."""
+"""Largest lag within a sample, as a share of the stroke's span over that of the voltage."""
 
 
 @dataclass(frozen=True)
@@ -63,14 +63,14 @@ class StopsFit:
 
     Attributes:
         parameters: values of the record `Stops`, by field.
-        residual: rms of what the model leaves of the samples used [m].
-        validation: the same on blocks that were not fitted [m].
-        offset: what the recording reads at zero stroke [m].
+        residual: rms of the used samples less the prediction [m].
+        validation: rms residual on blocks that were not fitted [m].
+        offset: reading of the recording at zero stroke [m].
         order: number of stops.
         power: of the thresholds.
-        candidates: everything that was tried.
-        first: sample from which the recording was used.
-        period: of its samples [s].
+        candidates: all orders that were tried.
+        first: first sample that was used.
+        period: sample period [s].
     """
 
     parameters: dict[str, np.ndarray | float]
@@ -84,7 +84,7 @@ class StopsFit:
     period: float
 
     def predict(self, volts: np.ndarray) -> np.ndarray:
-        """Stroke that the model gives for a voltage, on the recording's zero, shape (N,) [m].
+        """Predict the stroke for a voltage, on the recording's zero, shape (N,) [m].
 
         Args:
             volts: voltage held over each sample of the recording's period, from rest or, where it
@@ -104,10 +104,10 @@ class StopsFit:
 
 
 def excitation(rate: float, top: float = design.STACK_VOLTS, seed: int = 1) -> np.ndarray:
-    """Voltage to record with, from rest and back to it, shape (samples,) [V].
+    """Return the voltage to record with, from rest and back to it, shape (samples,) [V].
 
-    One cycle over the whole range, which wipes out whatever the stack remembers; sines of nearly
-    the whole range at nine frequencies from 1 to 22 Hz; a 10 Hz sine that shrinks to nothing, so
+    One cycle over the whole range, which erases the memory of the stack; sines of nearly the
+    whole range at nine frequencies from 1 to 22 Hz; a 10 Hz sine that shrinks to nothing, so
     that loops of every size are in it; and a sum of sines from 0.5 to 22 Hz that swells and fades.
     Nothing in it jumps: a step would ring, and the operator knows no resonance.
 
@@ -150,9 +150,9 @@ def identify_stops(
 ) -> StopsFit:
     """Fit modulated stops to a recording.
 
-    A recording is used from where the voltage has been through its whole range: what the stack
-    remembers before is not known, and the first loading of a new stack is no stop operator's. For
-    the same reason zero stroke is where the fitted operator has it, not where the recording begins.
+    Samples count from the one at which the voltage has covered its whole range. The memory of the
+    stack before is not known, and the first loading of a new stack follows no stop operator. For
+    the same reason zero stroke is that of the fitted operator, not the beginning of the recording.
 
     Args:
         volts: v[k] is held during the sample at whose end stroke[k] is read, (N,) [V].
@@ -161,7 +161,7 @@ def identify_stops(
         creep_time: times of creep, (LAGS,) [s]; decades from 3 ms by default.
         progress: called with the number of candidates done and their count.
         orders: numbers of stops tried.
-        without: names among `TERMS` that stay 0, to see what they are worth.
+        without: names among `TERMS` that stay 0, to see their effect.
 
     Raises:
         SteadytipError: arrays that do not match, are not finite, hold too few reversals, or run
@@ -183,7 +183,7 @@ def identify_stops(
 
     found: list[Candidate] = []
     choices = [(order, power) for order in orders for power in POWERS]
-    # All plays in one go over the recording; what belongs to a candidate is a part of them.
+    # All plays in one pass over the recording; each candidate has a part of them.
     ends = np.cumsum([0, *(order for order, _ in choices)])
     plays = _plays(a, np.concatenate([_thresholds(*choice) for choice in choices]))
     for done, (order, power) in enumerate(choices):
@@ -218,12 +218,12 @@ def identify_stops(
 
 
 def _thresholds(order: int, power: float) -> np.ndarray:
-    """Half widths of the plays, in spans."""
+    """Return the half widths of the plays, in spans."""
     return 0.5 * (np.arange(1, order + 1) / order) ** power
 
 
 def _smooth(a: np.ndarray, period: float, times: np.ndarray) -> np.ndarray:
-    """Columns of p_1, p_2, p_3, the steepness and creep, shape (N, 4 + LAGS)."""
+    """Return the columns of p_1, p_2, p_3, the steepness and creep, shape (N, 4 + LAGS)."""
     start = a[0] if abs(a[0]) >= RESTING else 0.0
     before = np.concatenate(([start], a[:-1]))
     left = np.exp(-period / times)
@@ -232,7 +232,7 @@ def _smooth(a: np.ndarray, period: float, times: np.ndarray) -> np.ndarray:
 
 
 def _plays(a: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
-    """Outputs of plays, shape (N, thresholds)."""
+    """Return the outputs of plays, shape (N, thresholds)."""
     start = a[0] if abs(a[0]) >= RESTING else 0.0
     plays = np.empty((len(a), len(thresholds)))
     now = np.full(len(thresholds), start)
@@ -243,7 +243,7 @@ def _plays(a: np.ndarray, thresholds: np.ndarray) -> np.ndarray:
 
 
 def _stops(a: np.ndarray, plays: np.ndarray) -> np.ndarray:
-    """Columns of the weights of the stops at the low and the high end, shape (N, 2 order)."""
+    """Return the columns of the stops' weights at the low and the high end, shape (N, 2 order)."""
     stops = a[:, None] - plays
     return np.hstack((-(1 - a[:, None]) * stops, -a[:, None] * stops))
 
@@ -251,7 +251,7 @@ def _stops(a: np.ndarray, plays: np.ndarray) -> np.ndarray:
 def _solve(
     columns: np.ndarray, stroke: np.ndarray, thresholds: np.ndarray, without: Collection[str]
 ) -> tuple[np.ndarray, float]:
-    """Weights of the columns [m], and the stroke where they are 0 [m], by a quadratic program.
+    """Return weights of the columns and the stroke at zero weights by a quadratic program [m].
 
     Beside the weights x it has a bound t_i of |g_i - f_i| for each stop, which the lower bound of
     the slope needs.
@@ -309,7 +309,7 @@ def _solve(
 
 
 def _chosen(found: list[Candidate]) -> Candidate:
-    """The smallest order that does nearly as well as the best."""
+    """Return the smallest order that does nearly as well as the best one."""
     enough = (1 + WORTH) * min(one.validated for one in found)
     order = min(one.order for one in found if one.validated <= enough)
     return min((one for one in found if one.order == order), key=lambda one: one.validated)
@@ -322,7 +322,7 @@ def _parameters(
     times: np.ndarray,
     period: float,
 ) -> dict[str, np.ndarray | float]:
-    """Fields of the record `Stops`; stops that the order does not have weigh nothing."""
+    """Return the fields of the record `Stops`; stops beyond the order have no weight."""
     spare = STOPS - len(thresholds)
     low, high = np.split(weights[4 + LAGS :], 2)
     return {

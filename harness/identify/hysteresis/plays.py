@@ -1,14 +1,14 @@
 """Prandtl-Ishlinskii operators of a piezo stack, from a recording of it (A04 7.2.3, 7.3.2).
 
 A constrained least squares fit of (7.9) to the measured response (7.10), for the modified operator,
-the one with rate-dependent weights, and the one with creep. What is constrained keeps the inverse
+the one with rate-dependent weights, and the one with creep. The constraints keep the inverse
 defined: all slopes of the loading curve and of the saturation stay above a bound. An offset and a
 drift of the displacement sensor are fitted too. s_0 is held at the nominal stroke per volt, since
 scaling w against s changes nothing. For the two richer operators samples count from where the whole
 range has been visited, since the first loading of a new stack is no play operator's; their zero is
 then where they have it, not where the recording begins.
 
-Given the saturation, y is linear in what is fitted, and each operator is a choice of columns:
+Given the saturation, y is linear in the unknowns, and each operator is a choice of columns:
 
     modified          H_i                                 weights w_i
     creeping          H_i, sum_j K_ij                     weights w_i, c_i
@@ -17,10 +17,10 @@ Given the saturation, y is linear in what is fitted, and each operator is a choi
 with G_i = H_i - H_{i+1}, so that y = sum W_i G_i, and phi_i = min(rho / rho_i, 1). A04 fits slopes
 to saw-teeth of one rate each, then lines through them (7.17); fitting both ends of the lines at
 once is the same for saw-teeth, and takes any other recording too. The rate is that of the stroke
-which the modified operator, fitted before, gives for the voltage: it has no noise.
+of the modified operator for the voltage, which is fitted before and has no noise.
 
-The recording is all that is known of the stack. The modified operator is rate-independent: what
-the stack lags, at the frequency of the recording, is explained as hysteresis, as in A04.
+Only the recording is known of the stack. The modified operator is rate-independent: the lag of the
+stack at the frequency of the recording counts as hysteresis, as in A04.
 
 | symbol | meaning |
 | --- | --- |
@@ -53,17 +53,17 @@ EXCITATION_SECONDS = 10.0
 SWEEP_TOP = 87.5
 """Largest voltage of the saw-teeth of a sweep, 12.5 um p-p (A04 7.3.2) [V]."""
 SWEEP_FREQUENCIES = (*(k / 10 for k in range(1, 50)), *map(float, range(5, 41)))
-"""Of the saw-teeth of a sweep [Hz] (A04 7.4)."""
+"""Frequencies of the saw-teeth of a sweep [Hz] (A04 7.4)."""
 SWEEP_CYCLES = 3
-"""Saw-teeth of each frequency: the first one leaves the one before behind."""
+"""Saw-teeth of each frequency: the first one erases the memory of the frequency before."""
 FEWEST_REVERSALS = 40
-"""Reversals of the voltage that a recording needs for its weights to be told apart."""
+"""Fewest reversals of the voltage that separate the weights."""
 SMALLEST_WEIGHT = 2 * SMALLEST_SLOPE
 """Bound of slopes of the loading curve, and of the saturation's in nominal strokes per volt; clear
 of where the inverse ceases to be defined."""
 _FAR = 1e4  # V, beyond any voltage
 _WIPED = 0.02
-"""Share of the voltage's range that may be missing where it counts as visited."""
+"""Largest share of the voltage's range that may be missing if it counts as visited."""
 
 
 @dataclass(frozen=True)
@@ -72,9 +72,9 @@ class HysteresisFit:
 
     Attributes:
         parameters: values of the operator's record, by field.
-        residual: rms of what the model leaves of the recording [m].
-        offset: what the recording reads at zero stroke, in its middle [m].
-        first: sample from which the recording was used.
+        residual: rms of the recording less the prediction [m].
+        offset: reading of the recording at zero stroke, in its middle [m].
+        first: first sample that was used.
     """
 
     parameters: dict[str, Any]
@@ -84,7 +84,7 @@ class HysteresisFit:
 
 
 def excitation(rate: float, top: float = design.STACK_VOLTS) -> np.ndarray:
-    """Voltage to record with, shape (samples,) [V].
+    """Return the voltage to record with, shape (samples,) [V].
 
     A saw-tooth about half the range whose amplitude falls evenly from half the range to nothing, so
     that loops of every size are in it.
@@ -102,7 +102,7 @@ def excitation(rate: float, top: float = design.STACK_VOLTS) -> np.ndarray:
 def sweep(
     rate: float, frequencies: Sequence[float] = SWEEP_FREQUENCIES, top: float = SWEEP_TOP
 ) -> list[np.ndarray]:
-    """Saw-teeth of constant rate to record one after the other, from 0 V and back (A04 7.3.2).
+    """Return saw-teeth of constant rate to record in turn, from 0 V and back (A04 7.3.2).
 
     Args:
         rate: samples in a second [Hz].
@@ -136,7 +136,7 @@ def identify_hysteresis(volts: np.ndarray, stroke: np.ndarray) -> HysteresisFit:
 
 
 def identify_creeping(volts: np.ndarray, stroke: np.ndarray, period: float) -> HysteresisFit:
-    """Fit the operator with creep; arguments, and what is raised, as in `identify_hysteresis`.
+    """Fit the operator with creep; arguments and errors are those of `identify_hysteresis`.
 
     Args:
         volts: voltage, (N,) [V].
@@ -158,7 +158,7 @@ def identify_creeping(volts: np.ndarray, stroke: np.ndarray, period: float) -> H
 
 
 def identify_rate_dependence(volts: np.ndarray, stroke: np.ndarray, period: float) -> HysteresisFit:
-    """Fit the rate-dependent operator; arguments, and what is raised, as in `identify_hysteresis`.
+    """Fit the rate-dependent operator; arguments and errors are those of `identify_hysteresis`.
 
     Args:
         volts: voltage, (N,) [V].
@@ -188,14 +188,14 @@ def identify_rate_dependence(volts: np.ndarray, stroke: np.ndarray, period: floa
 def loading_slopes(
     volts: np.ndarray, stroke: np.ndarray, parameters: Mapping[str, Any]
 ) -> np.ndarray:
-    """W of a recording of one rate, the saturation being known already, (PLAYS,) (A04 7.3.2).
+    """Return W of a recording of one rate with known saturation, (PLAYS,) (A04 7.3.2).
 
-    Without bounds, so that a slope that falls below zero is seen to.
+    The fit has no bounds, so that a slope can fall below zero.
 
     Args:
         volts: voltage, (N,) [V].
         stroke: displacement, from any zero, (N,) [m].
-        parameters: of a fit that the saturation is taken from.
+        parameters: parameters of a fit that gives the saturation.
     """
     saturation, dead_zones = parameters["saturation"], parameters["dead_zones"]
     corners = np.append(dead_zones, _FAR)
@@ -210,7 +210,7 @@ def loading_slopes(
 
 
 def stroke_rate(parameters: Mapping[str, Any], volts: np.ndarray, period: float) -> np.ndarray:
-    """Rate of the stroke that the weights of an operator, held, give for a voltage, (N,) [m/s].
+    """Return the rate of the stroke for a voltage, with constant weights, (N,) [m/s].
 
     Args:
         parameters: values of a record that is a `Hysteresis`.
@@ -222,7 +222,7 @@ def stroke_rate(parameters: Mapping[str, Any], volts: np.ndarray, period: float)
 
 
 def _plain_stroke(parameters: Mapping[str, Any], volts: np.ndarray) -> np.ndarray:
-    """Stroke of the modified operator among an operator's parameters, (N,) [m]."""
+    """Return the stroke of the modified operator within an operator's parameters, (N,) [m]."""
     plain = {name: parameters[name] for name in Hysteresis.fields}
     return Runner(prandtl_ishlinskii.MODEL, plain).run(len(volts), {"volts": volts})["stroke"]
 
@@ -238,11 +238,11 @@ def _least_weights() -> np.ndarray:
 def _fit(
     stroke: np.ndarray, columns: np.ndarray, least: np.ndarray, first: int
 ) -> tuple[HysteresisFit, np.ndarray]:
-    """Weights of the columns of y together with the saturation.
+    """Fit the weights of the columns of y and the saturation.
 
     Args:
         stroke: displacement, from any zero, (N,) [m].
-        columns: what y is a weighted sum of, (N, n) [V].
+        columns: terms of the weighted sum y, (N, n) [V].
         least: smallest weights, (n,).
         first: sample from which to count.
 
@@ -256,7 +256,7 @@ def _fit(
     free = DEAD_ZONES - 1  # slopes of the saturation that are not held
     count = columns.shape[1]
 
-    # The saturation as a curve: how far y has come along each of its pieces, times their slopes.
+    # The saturation as a curve: the distance of y along each of its pieces, times their slopes.
     lengths = np.diff(dead_zones, append=np.inf)
     low = np.where(dead_zones > 0, 0.0, -np.inf)
 
@@ -292,14 +292,14 @@ def _fit(
 
 
 def known_from(volts: np.ndarray) -> int:
-    """First sample at which the whole range has been visited, which wipes out what was before."""
-    slack = _WIPED * np.ptp(volts)
-    top, bottom = volts >= volts.max() - slack, volts <= volts.min() + slack
+    """Return the first sample after the whole range was visited, which erases the memory."""
+    margin = _WIPED * np.ptp(volts)
+    top, bottom = volts >= volts.max() - margin, volts <= volts.min() + margin
     return int(max(np.argmax(top), np.argmax(bottom))) + 1
 
 
 def checked(volts: np.ndarray, stroke: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
-    """A recording that something can be identified from.
+    """Check a recording before identification.
 
     Args:
         volts: voltage, (N,) [V].
@@ -337,7 +337,7 @@ def checked(volts: np.ndarray, stroke: np.ndarray) -> tuple[np.ndarray, np.ndarr
 
 
 def _plays(volts: np.ndarray) -> np.ndarray:
-    """Outputs of all plays, shape (samples, PLAYS) [V]."""
+    """Return the outputs of all plays, shape (samples, PLAYS) [V]."""
     p = Hysteresis.unpack(Hysteresis.starts())
     before, sent = ca.SX.sym("before", PLAYS), ca.SX.sym("sent")
     run = ca.Function("run", [before, sent], [remember(p, sent, before)]).mapaccum(len(volts))
@@ -345,13 +345,13 @@ def _plays(volts: np.ndarray) -> np.ndarray:
 
 
 def _gaps(volts: np.ndarray) -> np.ndarray:
-    """G_i = H_i - H_{i+1}, which slopes of the loading curve weigh, shape (samples, PLAYS) [V]."""
+    """Return G_i = H_i - H_{i+1}, the columns of the slopes, shape (samples, PLAYS) [V]."""
     plays = _plays(volts)
     return plays - np.hstack((plays[:, 1:], np.zeros((len(plays), 1))))
 
 
 def _crept(volts: np.ndarray, period: float) -> np.ndarray:
-    """Creep of each width, summed over its times, shape (samples, WIDTHS) [V]."""
+    """Return the creep of each width, summed over its times, shape (samples, WIDTHS) [V]."""
     p = creeping.Creeping.unpack(creeping.Creeping.starts())
     x = creeping.Memory.unpack(ca.SX.sym("x", creeping.Memory.size()))
     sent = ca.SX.sym("sent")

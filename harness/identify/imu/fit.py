@@ -1,29 +1,29 @@
 """Coefficients of the measurement model from a unit at rest on a turntable (A04 3.2.1, 3.2.2).
 
-Least squares over all rests at once, with the very compensation of `fmu_src.estimation`: what it
-makes of the volts is set against what the sensing axes feel of gravity, or of the field, at the
-angles of the turntable.
+Least squares over all static positions at once, with the compensation of `fmu_src.estimation`. Its
+output is compared with gravity, or the field, along the sensing axes at the angles of the
+turntable.
 
-    accelerometers    a_i(V) - Theta_i . R_TB^T (0, 0, g)              six for each rest [m/s2]
+    accelerometers    a_i(V) - Theta_i . R_TB^T (0, 0, g)              six for each position [m/s2]
     magnetometer      s_d(V) - Theta_d . R_TB^T N                      three [T]
 
 A04 finds the same coefficients one after the other: bias and scale factor from two rests, then the
 shift by the in-plane axis, then that of the other axis from several planes, then the directions in
 which each channel reads most. Fitted together, none has to be small for the others to be right.
 
-What a turntable cannot tell stays at its start: p_1 and q_1, which do what Theta does; and how the
-unit sits on the turntable, which is what calibration then calls B. The turntable's own delta,
-lambda and nu (see `turntable`) show in what the accelerometers read and are fitted along. The field
-N is unknown but for its strength, which nothing depends on. Drifts with temperature are fitted
-where it varies.
+Some parameters keep their start, because a turntable cannot determine them: p_1 and q_1, which have
+the effect of Theta. The mounting of the unit on the turntable cannot be determined either; it
+defines B. The turntable's own delta, lambda and nu (see `turntable`) affect the accelerometers and
+are fitted, too. The field N is unknown except for its strength, on which nothing depends. Drifts
+with temperature are fitted if it varies.
 
-Intervals are those of least squares whose errors differ from rest to rest and go together within
-one (clustered sandwich, Student's t), because the turntable's angle errors do.
+Intervals are those of least squares whose errors differ between positions and are correlated within
+one (clustered sandwich, Student's t), as the turntable's angle errors are.
 """
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
@@ -43,33 +43,41 @@ from fmu_src.kit.records import Scalar
 from fmu_src.math import rotations
 from harness.common.errors import ProblemsError, SteadytipError
 from harness.common.types import FloatArray
-from harness.identify.imu.turntable import Rests, up
-from harness.identify.parameter_files import write_scalars
+from harness.identify.imu.turntable import attitude, up
+from harness.identify.parameter_files import write_parameters
+from harness.recordings.turntable import StaticPositions
 
-__all__ = ["CONFIDENCE", "Calibration", "Found", "calibrate", "linear", "write_set"]
+__all__ = [
+    "CONFIDENCE",
+    "Calibration",
+    "FittedParameter",
+    "calibrate",
+    "linear",
+    "write_calibration",
+]
 
 CONFIDENCE = 0.95
-"""Of the intervals."""
+"""Confidence of the intervals."""
 FEWEST = 24
-"""Rests: three unknowns of every eight are told apart by no fewer."""
+"""Fewest positions: fewer do not separate three unknowns of every eight."""
 REACHED = 0.9
-"""Share of gravity that every axis has to have seen, both ways."""
+"""Share of gravity that every axis must see in both directions."""
 MIXED = 0.3
-"""Mean product of two axes' shares that rests must reach, in size; on an even grid it is 0.5."""
+"""Least product of two axes' shares, of both signs; on an even grid it is 0.5."""
 VARIED = 3.0
-"""Temperatures have to differ by that for drifts to be fitted [K]."""
+"""Least range of temperature for drifts to be fitted [K]."""
 NEAR = 0.9
-"""How near a rest has to be to an axis to stand for it in the linear model, as a cosine."""
+"""Least cosine between an axis and the vertical for a position of the linear model."""
 UNLIKE = 1.0
-"""Rms beyond which angles and volts do not belong together [m/s2]."""
+"""Largest rms at which angles and volts belong together [m/s2]."""
 STRAY = 0.2
-"""Share by which no accelerometer's scale is off its data sheet."""
+"""Largest error of an accelerometer's scale, as a share of its data sheet."""
 _GRAVITY = ca.vertcat(0, 0, design.SITE_GRAVITY)
 _NUISANCE = ("alpha's zero", "tilt of its axis", "lack of 90 deg between the axes")
 
 
 @dataclass(frozen=True)
-class Found:
+class FittedParameter:
     """A parameter with its interval.
 
     Attributes:
@@ -85,38 +93,38 @@ class Found:
 
 @dataclass(frozen=True)
 class Calibration:
-    """What a turntable tells.
+    """Result of a calibration on a turntable.
 
     Attributes:
-        found: parameters; those not named stay at their starts.
+        found: parameters; others keep their start values.
         table: errors of the turntable, by name, with half widths [rad].
-        residual: of the accelerometers, (rests, 6) [m/s2].
-        field_residual: of the magnetometer, (rests, 3) [T]; None without one.
+        residual: of the accelerometers, (positions, 6) [m/s2].
+        field_residual: of the magnetometer, (positions, 3) [T]; None without one.
         inclination: of the field below the horizon [rad]; NaN without a magnetometer.
-        rests: that were used.
-        notes: what is odd without being wrong; sentences.
+        positions: static positions that were used.
+        notes: sentences about what is unusual but may be right.
     """
 
-    found: tuple[Found, ...]
+    found: tuple[FittedParameter, ...]
     table: Mapping[str, tuple[float, float]]
     residual: FloatArray
     field_residual: FloatArray | None
     inclination: float
-    rests: Rests
+    positions: StaticPositions
     notes: tuple[str, ...] = ()
 
     def parameters(self) -> dict[str, float]:
-        """By the name of the element."""
+        """Return the values by name of the element."""
         return {one.scalar.name: one.value for one in self.found}
 
 
 @dataclass(frozen=True)
 class _Problem:
-    """A least squares problem: residuals of one rest as a function of unknowns and data.
+    """A least squares problem: residuals of one position as a function of unknowns and data.
 
     Attributes:
         residual: `(unknowns, data) -> (m,)` and its Jacobian by the unknowns.
-        names: of the scalars that are unknown; what follows them in the unknowns is nuisance.
+        names: names of the scalars that are unknown; the unknowns after them are nuisance.
         sizes: typical size of each unknown.
     """
 
@@ -125,19 +133,10 @@ class _Problem:
     sizes: FloatArray
 
 
-_ACCELEROMETER = (
-    "zero",
-    "scale",
-    "in_plane_squared",
-    "out_of_plane_squared",
-    "scale_slope",
-    "scale_curvature",
-    "misalignment",
-)
-_MAGNETOMETER = ("zero", "scale", "misalignment")
 _THERMAL = ("zero_drift", "scale_drift")
 _SIZES = {
     "zero": 0.1,
+    "scale": 0.05,
     "scale_slope": 1e-3,
     "scale_curvature": 1e-4,
     "in_plane_squared": 1e-3,
@@ -146,23 +145,11 @@ _SIZES = {
     "zero_drift": 1e-3,
     "scale_drift": 1e-4,
 }
-
-
-def _scalars(record: type[Parameters], prefix: str, fields: Iterable[str]) -> list[Scalar]:
-    wanted = set(fields)
-    return [s for s in record.scalars(prefix) if s.name[len(prefix) :].split("[")[0] in wanted]
-
-
-def _sizes(scalars: Iterable[Scalar]) -> list[float]:
-    sizes = []
-    for scalar in scalars:
-        field = scalar.name.split(".")[1].split("[")[0]
-        sizes.append(0.05 * scalar.start if field == "scale" else _SIZES[field])
-    return sizes
+"""Typical size of the fields that are unknown; that of `scale` is a share of its start."""
 
 
 def _turned(alpha: Any, beta: Any, errors: Any, v: Any) -> Any:
-    """R_TB^T v, of `turntable.attitude`, as an expression; errors delta, lambda, nu."""
+    """Return R_TB^T v of `turntable.attitude` as an expression; errors delta, lambda, nu."""
     zero, level, square = errors[0], errors[1], errors[2]
 
     def turn(axis: int, angle: Any, vector: Any) -> Any:
@@ -173,60 +160,68 @@ def _turned(alpha: Any, beta: Any, errors: Any, v: Any) -> Any:
     return turn(2, beta, turn(0, square, turn(1, -(alpha + zero), turn(0, level, v))))
 
 
-def _record(record: type[Parameters], prefix: str, scalars: list[Scalar], values: Any) -> Any:
-    """A record whose named elements are unknown and the others at their starts."""
-    unknown = {scalar.name: values[i] for i, scalar in enumerate(scalars)}
-    column = [unknown.get(s.name, s.start) for s in record.scalars(prefix)]
-    return record.unpack(ca.vertcat(*column))
-
-
-def _function(unknowns: Any, data: Any, residual: Any) -> ca.Function:
-    jacobian = ca.densify(ca.jacobian(residual, unknowns))
-    return ca.Function("residual", [unknowns, data], [residual, jacobian], {"cse": True})
+def _field(scalar: Scalar) -> str:
+    return scalar.name.split(".")[1].split("[")[0]
 
 
 @cache
-def _accelerometer_problem(thermal: bool) -> _Problem:
-    """Unknown coefficients and the turntable's three errors; data alpha, beta, dt, volts (6)."""
-    prefix, record = "accelerometer.", compensation.Accelerometer
-    scalars = _scalars(record, prefix, (*_ACCELEROMETER, *(_THERMAL if thermal else ())))
-    unknowns, data = ca.SX.sym("x", len(scalars) + 3), ca.SX.sym("d", 9)
-    p = _record(record, prefix, scalars, unknowns)
-    gravity = _turned(data[0], data[1], unknowns[len(scalars) :], _GRAVITY)
+def _problem(
+    record: type[Parameters],
+    prefix: str,
+    thermal: bool,
+    nuisance: tuple[float, ...],
+    build: Callable[[Any, Any, Any], Any],
+) -> _Problem:
+    """Build the problem of the unknown elements of a sensor's record.
+
+    Args:
+        record: the record; elements that are not unknown have their starts.
+        prefix: prefix of its elements.
+        thermal: True if drifts with temperature are unknown.
+        nuisance: typical sizes of the unknowns that are no elements.
+        build: makes the residual from the record, the nuisance and the data (9).
+    """
+    elements = list(record.scalars(prefix))
+    scalars = [
+        s for s in elements if (field := _field(s)) in _SIZES and (thermal or field not in _THERMAL)
+    ]
+    n = len(scalars)
+    unknowns, data = ca.SX.sym("x", n + len(nuisance)), ca.SX.sym("d", 9)
+    unknown = {scalar.name: unknowns[i] for i, scalar in enumerate(scalars)}
+    p = record.unpack(ca.vertcat(*(unknown.get(s.name, s.start) for s in elements)))
+    residual = build(p, unknowns[n:], data)
+    jacobian = ca.densify(ca.jacobian(residual, unknowns))
+    function = ca.Function("residual", [unknowns, data], [residual, jacobian], {"cse": True})
+    sizes = [_SIZES[_field(s)] * (s.start if _field(s) == "scale" else 1) for s in scalars]
+    return _Problem(function, tuple(unknown), np.array([*sizes, *nuisance]))
+
+
+def _accelerometer_residual(p: Any, errors: Any, data: Any) -> Any:
+    """Return the residual; errors of the turntable; data alpha, beta, dt, volts (6)."""
+    gravity = _turned(data[0], data[1], errors, _GRAVITY)
     a = compensation.uncross(p, compensation.linear(p, data[3:], data[2]))
     rows = [
         compensation.sensing_axis(axis, p.misalignment[i, :])
         for i, (_, axis) in enumerate(kinematics.PLACES)
     ]
-    residual = a - ca.vertcat(*(row.T @ gravity for row in rows))
-    sizes = [*_sizes(scalars), *[1e-3] * 3]
-    names = tuple(scalar.name for scalar in scalars)
-    return _Problem(_function(unknowns, data, residual), names, np.array(sizes))
+    return a - ca.vertcat(*(row.T @ gravity for row in rows))
 
 
-@cache
-def _magnetometer_problem(thermal: bool) -> _Problem:
-    """Unknown coefficients and two angles of N; data alpha, beta, dt, table's errors, volts (3)."""
-    prefix, record = "magnetometer.", compensation.Magnetometer
-    scalars = _scalars(record, prefix, (*_MAGNETOMETER, *(_THERMAL if thermal else ())))
-    unknowns, data = ca.SX.sym("x", len(scalars) + 2), ca.SX.sym("d", 9)
-    p = _record(record, prefix, scalars, unknowns)
-    heading, dip = unknowns[len(scalars)], unknowns[len(scalars) + 1]
+def _magnetometer_residual(p: Any, angles: Any, data: Any) -> Any:
+    """Return the residual; two angles of N; data alpha, beta, dt, errors (3), volts (3)."""
+    heading, dip = angles[0], angles[1]
     north = ca.vertcat(ca.cos(dip) * ca.cos(heading), ca.cos(dip) * ca.sin(heading), -ca.sin(dip))
     felt = _turned(data[0], data[1], data[3:6], design.MAGNETIC_FIELD * north)
     rows = [compensation.sensing_axis(axis, p.misalignment[axis, :]) for axis in range(3)]
     residual = compensation.linear(p, data[6:], data[2]) - ca.vertcat(*(r.T @ felt for r in rows))
-    sizes = [*_sizes(scalars), 0.1, 0.1]
-    names = tuple(scalar.name for scalar in scalars)
-    # In microtesla: solvers stop by absolute sizes, too.
-    return _Problem(_function(unknowns, data, 1e6 * residual), names, np.array(sizes))
+    return 1e6 * residual  # in microtesla: solvers stop by absolute sizes, too
 
 
 def _solve(problem: _Problem, start: FloatArray, data: FloatArray) -> tuple[FloatArray, ...]:
-    """Unknowns, half widths of their intervals, residuals (rests, m).
+    """Return the unknowns, half widths of their intervals, residuals (positions, m).
 
     Raises:
-        SteadytipError: the rests do not tell the unknowns apart.
+        SteadytipError: the positions do not separate the unknowns.
     """
     mapped = problem.residual.map(len(data))
     n = len(start)
@@ -260,26 +255,26 @@ def _solve(problem: _Problem, start: FloatArray, data: FloatArray) -> tuple[Floa
     m = len(residual) // len(data)
     bread = np.linalg.inv(scaled.T @ scaled)
     scores = np.einsum("rmi,rm->ri", scaled.reshape(len(data), m, n), residual.reshape(-1, m))
-    # Each channel has its own unknowns, so that a rest stands for one equation of each.
+    # Each channel has its own unknowns: a position gives one equation of each.
     free = max(len(data) - n / m, 1.0)
     covariance = bread @ (scores.T @ scores) @ bread * len(data) / free
     half = student.ppf((1 + CONFIDENCE) / 2, free) * np.sqrt(np.diag(covariance)) * problem.sizes
     return found.x, half, residual.reshape(-1, m)
 
 
-def linear(rests: Rests) -> dict[str, float]:
-    """Bias and scale factor of each accelerometer channel as the maker has it (A04 3.1, 3.2).
+def linear(positions: StaticPositions) -> dict[str, float]:
+    """Compute bias and scale factor of each channel as the maker does (A04 3.1, 3.2).
 
-    From the two rests at which its axis points up and down, as far as the turntable knows; the
-    magnetometer from its extremes (A04 3.21, 3.22).
+    An accelerometer needs the two positions at which its axis points up and down, by the angles of
+    the turntable. The magnetometer needs its extremes (A04 3.21, 3.22).
 
     Returns:
-        Values by the name that the estimator has for them.
+        Values by name of the estimator's parameter.
 
     Raises:
         SteadytipError: a channel never pointed up, or never down.
     """
-    vertical = up(rests.alpha, rests.beta)
+    vertical = up(positions.alpha, positions.beta)
     found: dict[str, float] = {}
     for i, channel in enumerate(kinematics.CHANNELS):
         along = vertical[:, kinematics.PLACES[i][1]]
@@ -292,26 +287,26 @@ def linear(rests: Rests) -> dict[str, float]:
                     f"channel {channel} never points {word} (nearest: {off:.3g} deg off); the "
                     "linear model is made from those two rests"
                 )
-            ends[word] = rests.volts[sign * along > best - 1e-4, i].mean()
+            ends[word] = positions.volts[sign * along > best - 1e-4, i].mean()
         scale = (ends["up"] - ends["down"]) / 2 / design.SITE_GRAVITY
         found[f"accelerometer.zero[{i + 1}]"] = (ends["up"] + ends["down"]) / 2
         found[f"accelerometer.scale[{i + 1}]"] = scale
-    for i in range(rests.volts.shape[1] - len(kinematics.CHANNELS)):
-        volts = rests.volts[:, len(kinematics.CHANNELS) + i]
+    for i in range(positions.volts.shape[1] - len(kinematics.CHANNELS)):
+        volts = positions.volts[:, len(kinematics.CHANNELS) + i]
         found[f"magnetometer.zero[{i + 1}]"] = (volts.max() + volts.min()) / 2
         found[f"magnetometer.scale[{i + 1}]"] = np.ptp(volts) / 2 / design.MAGNETIC_FIELD
     return {name: float(value) for name, value in found.items()}
 
 
-def check_cover(rests: Rests) -> list[str]:
-    """What rests lack, in sentences with a cure; none if they will do."""
+def check_cover(positions: StaticPositions) -> list[str]:
+    """Return sentences with a cure about missing positions; empty if they suffice."""
     problems = []
-    if len(rests) < FEWEST:
+    if len(positions) < FEWEST:
         problems.append(
-            f"{len(rests)} rests; at least {FEWEST} are needed, in different planes: `steadytip "
-            "identify turntable` writes the angles of the procedure"
+            f"{len(positions)} rests; at least {FEWEST} are needed, in different planes: "
+            "`steadytip identify turntable` writes the angles of the procedure"
         )
-    vertical = up(rests.alpha, rests.beta)
+    vertical = up(positions.alpha, positions.beta)
     for axis, name in enumerate("xyz"):
         for word, sign in (("up", 1.0), ("down", -1.0)):
             best = float((sign * vertical[:, axis]).max())
@@ -330,42 +325,48 @@ def check_cover(rests: Rests) -> list[str]:
     return problems
 
 
-def calibrate(rests: Rests, where: str = "rests") -> Calibration:
+def calibrate(positions: StaticPositions, where: str = "rests") -> Calibration:
     """Find the coefficients.
 
     Args:
-        rests: of the turntable's procedure; six or nine columns of volts.
+        positions: of the turntable's procedure; six or nine columns of volts.
         where: their name, for messages.
 
     Raises:
-        ProblemsError: rests that are too few or too much alike, or that angles do not explain.
-        SteadytipError: they do not tell the parameters apart.
+        ProblemsError: the positions are too few or too much alike, or angles do not explain them.
+        SteadytipError: they do not separate the parameters.
     """
-    problems = check_cover(rests) or _unlike(rests)
+    problems = check_cover(positions) or _fit_problems(positions)
     if problems:
         raise ProblemsError(where, problems)
-    thermal = rests.temperature is not None and float(np.ptp(rests.temperature)) >= VARIED
+    thermal = positions.temperature is not None and float(np.ptp(positions.temperature)) >= VARIED
     reference = compensation.REFERENCE_TEMPERATURE
-    change = np.zeros(len(rests))
-    if rests.temperature is not None:
-        reference = float(rests.temperature.mean())
-        change = rests.temperature - reference
-    first = linear(rests)
-    problem = _accelerometer_problem(thermal)
+    change = np.zeros(len(positions))
+    if positions.temperature is not None:
+        reference = float(positions.temperature.mean())
+        change = positions.temperature - reference
+    first = linear(positions)
+    problem = _problem(
+        compensation.Accelerometer, "accelerometer.", thermal, (1e-3,) * 3, _accelerometer_residual
+    )
     starts = {s.name: s.start for s in MODEL.parameters.scalars()} | first
     count = len(kinematics.CHANNELS)
-    data = np.column_stack((rests.alpha, rests.beta, change, rests.volts[:, :count]))
+    data = np.column_stack((positions.alpha, positions.beta, change, positions.volts[:, :count]))
     begin = np.array([*(starts[name] for name in problem.names), 0.0, 0.0, 0.0])
     x, half, residual = _solve(problem, begin, data)
     table = x[len(problem.names) :]
     values = dict(zip(problem.names, zip(x, half, strict=True), strict=False))
     field_residual, inclination = None, np.nan
-    if rests.volts.shape[1] > count:
-        problem = _magnetometer_problem(thermal)
-        errors = np.tile(table, (len(rests), 1))
-        data = np.column_stack((rests.alpha, rests.beta, change, errors, rests.volts[:, count:]))
+    if positions.volts.shape[1] > count:
+        problem = _problem(
+            compensation.Magnetometer, "magnetometer.", thermal, (0.1, 0.1), _magnetometer_residual
+        )
+        errors = np.tile(table, (len(positions), 1))
+        data = np.column_stack(
+            (positions.alpha, positions.beta, change, errors, positions.volts[:, count:])
+        )
         begin = np.array(
-            [*(starts[name] for name in problem.names), *_first_north(rests, starts, count)]
+            [*(starts[name] for name in problem.names), *_first_north(positions, starts, count)]
         )
         y, widths, left = _solve(problem, begin, data)
         values |= dict(zip(problem.names, zip(y, widths, strict=True), strict=False))
@@ -373,43 +374,51 @@ def calibrate(rests: Rests, where: str = "rests") -> Calibration:
     values["thermometer.reference"] = (reference, np.nan)
     tail = zip(table, half[-3:], strict=True)
     return Calibration(
-        tuple(Found(s, *values[s.name]) for s in MODEL.parameters.scalars() if s.name in values),
+        tuple(
+            FittedParameter(s, *values[s.name])
+            for s in MODEL.parameters.scalars()
+            if s.name in values
+        ),
         dict(zip(_NUISANCE, ((float(v), float(w)) for v, w in tail), strict=True)),
         residual,
         field_residual,
         inclination,
-        rests,
-        (_thermal_note(rests),) if not thermal else (),
+        positions,
+        (_thermal_note(positions),) if not thermal else (),
     )
 
 
-def _thermal_note(rests: Rests) -> str:
-    if rests.temperature is None:
+def _thermal_note(positions: StaticPositions) -> str:
+    if positions.temperature is None:
         return "there is no temperature: the parameters are those of the unit as warm as it was"
     return (
-        f"the temperature varies by {np.ptp(rests.temperature):.2g} K only, and {VARIED:g} K are "
-        "needed to find drifts; they stay at zero"
+        f"the temperature varies by {np.ptp(positions.temperature):.2g} K only, and {VARIED:g} K "
+        "are needed to find drifts; they stay at zero"
     )
 
 
-def _first_north(rests: Rests, starts: Mapping[str, float], at: int) -> tuple[float, float]:
-    """Heading and dip of the field on the turntable, by the linear model [rad]."""
-    from harness.identify.imu.turntable import attitude
-
+def _first_north(
+    positions: StaticPositions, starts: Mapping[str, float], at: int
+) -> tuple[float, float]:
+    """Return heading and dip of the field on the turntable, by the linear model [rad]."""
     zero, scale = (
         np.array([starts[f"magnetometer.{what}[{i}]"] for i in (1, 2, 3)])
         for what in ("zero", "scale")
     )
-    mean = attitude(rests.alpha, rests.beta).apply((rests.volts[:, at:] - zero) / scale).mean(0)
+    mean = (
+        attitude(positions.alpha, positions.beta)
+        .apply((positions.volts[:, at:] - zero) / scale)
+        .mean(0)
+    )
     x, y, z = mean / np.linalg.norm(mean)
     return float(np.arctan2(y, x)), float(np.arcsin(-z))
 
 
-def _unlike(rests: Rests) -> list[str]:
-    """Whether angles and volts belong together, by a straight fit of each channel."""
-    felt = design.SITE_GRAVITY * up(rests.alpha, rests.beta)
-    columns = np.column_stack((felt, np.ones(len(rests))))
-    volts = rests.volts[:, : len(kinematics.CHANNELS)]
+def _fit_problems(positions: StaticPositions) -> list[str]:
+    """Return sentences about channels that a linear fit by the angles does not explain."""
+    felt = design.SITE_GRAVITY * up(positions.alpha, positions.beta)
+    columns = np.column_stack((felt, np.ones(len(positions))))
+    volts = positions.volts[:, : len(kinematics.CHANNELS)]
     slopes = np.linalg.lstsq(columns, volts, rcond=None)[0]
     left = np.sqrt(np.mean((volts - columns @ slopes) ** 2, axis=0)) / design.ACCELEROMETER_SCALE
     problems = []
@@ -433,17 +442,17 @@ def _unlike(rests: Rests) -> list[str]:
     return problems
 
 
-def write_set(path: Path, values: Mapping[str, float]) -> Path:
-    """Write parameters of MicronEstimator as a set (`.ssv`) that any run of it accepts.
+def write_calibration(path: Path, values: Mapping[str, float]) -> Path:
+    """Write a parameter file for MicronEstimator.
 
     Raises:
-        ProblemsError: values that the estimator would refuse.
+        ProblemsError: the estimator would refuse values.
         SteadytipError: the file cannot be written.
     """
-    found = [(s, values[s.name]) for s in MODEL.parameters.scalars() if s.name in values]
-    return write_scalars(
+    return write_parameters(
         path,
-        found,
+        MODEL.parameters.scalars(),
+        values,
         "the unit is farther off its data sheet than the estimator takes (are angles and volts in "
         "the units that were read?)",
     )

@@ -1,4 +1,4 @@
-"""What a calibration shows: tables for the terminal and the page beside the set."""
+"""Results of a calibration: tables for the terminal, and the page beside the parameter file."""
 
 from __future__ import annotations
 
@@ -9,11 +9,10 @@ import numpy as np
 import plotly.graph_objects as go
 
 from fmu_src.device import design
-from harness.common.errors import SteadytipError
-from harness.common.files import reason
 from harness.identify.imu.fit import CONFIDENCE, Calibration
-from harness.identify.imu.turntable import ACCELEROMETERS
-from harness.report.page import Plot, Section, Table, made_with, write_sections
+from harness.identify.page import write_topic_page
+from harness.recordings.turntable import ACCELEROMETERS, MAGNETOMETERS
+from harness.report.page import Plot, Section, Table
 from harness.report.plots import SERIES, layout
 
 __all__ = ["field_table", "parameter_table", "write_page"]
@@ -22,7 +21,7 @@ _MG = 1e-3 * design.STANDARD_GRAVITY
 
 
 def parameter_table(found: Calibration) -> Table:
-    """Each parameter with its interval."""
+    """Tabulate each parameter with its interval."""
     rows = []
     for one in found.found:
         half = "" if np.isnan(one.half) else f"{one.half:.2g}"
@@ -33,13 +32,13 @@ def parameter_table(found: Calibration) -> Table:
 
 
 def field_table(found: Calibration) -> Table:
-    """What is left, of each channel, and what the turntable's errors are."""
+    """Tabulate the residual of each channel."""
     rows = []
     for i, name in enumerate(ACCELEROMETERS):
         left = found.residual[:, i] / _MG
         rows.append((name, f"{np.std(left):.3g}", f"{np.abs(left).max():.3g}", "mg"))
     if found.field_residual is not None:
-        for i, name in enumerate(("mx", "my", "mz")):
+        for i, name in enumerate(MAGNETOMETERS):
             left = found.field_residual[:, i] / design.MAGNETIC_FIELD * 1e3
             rows.append(
                 (name, f"{np.std(left):.3g}", f"{np.abs(left).max():.3g}", "‰ of the field")
@@ -66,24 +65,20 @@ def write_page(path: Path, recordings: Sequence[Path], found: Calibration) -> Pa
     """
     names = ", ".join(one.name for one in recordings)
     text = (
-        f"{len(found.rests)} rests on a two-axis turntable. The residual is what the "
+        f"{len(found.positions)} rests on a two-axis turntable. The residual is what the "
         "compensation makes of the volts, less what the channel's axis feels at the turntable's "
         "angles; one that goes along with an angle is a form that the model does not have.",
-        *(f"Note: {note}." for note in (*found.rests.notes, *found.notes)),
+        *(f"Note: {note}." for note in (*found.positions.notes, *found.notes)),
     )
     tables = (field_table(found), _table_errors(found), parameter_table(found))
-    try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        return write_sections(
-            path,
-            "Sensors calibrated",
-            f"measurement model of A04 3.2, from {names}",
-            (),
-            [Section("Rests", text, tables, (_residuals(found),))],
-            made_with("casadi", "numpy", "scipy", "plotly"),
-        )
-    except OSError as error:
-        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
+    return write_topic_page(
+        path,
+        "Sensors calibrated",
+        f"measurement model of A04 3.2, from {names}",
+        (),
+        [Section("Rests", text, tables, (_residuals(found),))],
+        "casadi",
+    )
 
 
 def _residuals(found: Calibration) -> Plot:
@@ -91,14 +86,14 @@ def _residuals(found: Calibration) -> Plot:
     for i, name in enumerate(ACCELEROMETERS):
         figure.add_trace(
             go.Scatter(
-                x=np.arange(1, len(found.rests) + 1),
+                x=np.arange(1, len(found.positions) + 1),
                 y=found.residual[:, i] / _MG,
                 name=name,
                 mode="markers",
                 marker={"color": SERIES[i], "size": 4},
                 text=[
                     f"α {np.degrees(a):.4g}°, β {np.degrees(b):.4g}°"
-                    for a, b in zip(found.rests.alpha, found.rests.beta, strict=True)
+                    for a, b in zip(found.positions.alpha, found.positions.beta, strict=True)
                 ],
             )
         )

@@ -7,7 +7,7 @@
 | T | frame of the turntable: z up, alpha turns about -y |
 | alpha | tilt of the body's z from the vertical; at 90 deg x and y lie in the plane of gravity |
 | beta | turn about the body's z; at alpha = 90 deg, beta = 0 the x axis points up |
-| delta, lambda, nu | alpha's zero, tilt of its axis, what the axes lack of 90 deg [rad] |
+| delta, lambda, nu | alpha's zero, tilt of its axis, difference of the axes from 90 deg [rad] |
 | psi | heading of the turntable's x from magnetic north [rad] |
 
 With its errors the turntable makes R_z(psi) R_x(lambda) R_y(-alpha - delta) R_x(nu) R_z(beta) R_M,
@@ -18,8 +18,9 @@ A04's first experiment, the other planes the second; planes are run forth and ba
 from __future__ import annotations
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from collections.abc import Callable, Mapping
+from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -31,41 +32,43 @@ from harness.common.errors import SteadytipError, nearest
 from harness.common.types import FloatArray
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import RunContext
+from harness.recordings.turntable import CHANNELS
 from harness.scenario.load import load
 
 __all__ = [
-    "ACCELEROMETERS",
-    "CHANNELS",
+    "DWELL",
     "GRID",
     "ROOM",
-    "Rests",
-    "Table",
+    "Turntable",
+    "TurntableRun",
     "attitude",
     "grid",
-    "joined",
+    "sensors",
     "simulate",
     "up",
 ]
 
-ACCELEROMETERS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
-CHANNELS = (*ACCELEROMETERS, "mx", "my", "mz")
 GRID = 30.0
 """Step of both angles [deg]; A04 shows the planes of +-30, +-90 and +-150 deg."""
 DWELL = 5.0
-"""Time of which the mean is taken (A04 3.2.1.7) [s]."""
+"""Time over which the mean is taken (A04 3.2.1.7) [s]."""
 SETTLE = 0.1
-"""Before it, for the output filters, of 10 ms [s]."""
+"""Time before the mean, for the output filters of 10 ms to settle [s]."""
 ROWS = 5
-"""Means that a simulated rest is told by, so that it shows whether it was one."""
+"""Means at each simulated position, so that they show whether it was at rest."""
 ROOM = 22.0
 """Temperature of the room (A04 3.2.1.5) [degC]."""
 STEP = 1e-3
-"""Of the simulated converter [s]."""
+"""Sample period of the simulated converter [s]."""
+
+
+_FELT = (*(f"force{i}_{a}" for i in (1, 2, 3) for a in "xyz"), *(f"field_{a}" for a in "xyz"))
+_VOLTS = tuple(f"volts_{channel}" for channel in CHANNELS)
 
 
 @dataclass(frozen=True)
-class Table:
-    """A turntable with its own errors; its stages are good to 0.1 deg, its level to 0.01 (A04).
+class Turntable:
+    """A turntable and its errors. Its stages are good to 0.1 deg, its level to 0.01 (A04).
 
     Attributes:
         scatter: rms error of each stage at each angle [rad].
@@ -86,52 +89,15 @@ class Table:
     seed: int = 1
 
     def attitudes(self, alpha: FloatArray, beta: FloatArray) -> Rotation:
-        """R_WB at each pair of angles [rad]; the same scatter at each call."""
+        """Return R_WB at each pair of angles [rad], with the same scatter at each call."""
         noise = np.random.default_rng(self.seed).normal(0.0, self.scatter, (2, len(alpha)))
         turned = attitude(alpha + noise[0], beta + noise[1], self.zero, self.level, self.square)
         return Rotation.from_euler("z", self.heading) * turned * Rotation.from_rotvec(self.mount)
 
 
 @dataclass(frozen=True)
-class Rests:
-    """What a unit told while it rested.
-
-    Attributes:
-        alpha, beta: of the turntable, (n,) [rad].
-        volts: means, (n, channels) [V].
-        temperature: of the thermometer, (n,) [degC]; None without one.
-        counts: rows that each mean is of, (n,).
-        channels: names of the columns of `volts`.
-        notes: what is odd without being wrong; sentences.
-    """
-
-    alpha: FloatArray
-    beta: FloatArray
-    volts: FloatArray
-    temperature: FloatArray | None
-    counts: FloatArray
-    channels: tuple[str, ...] = CHANNELS
-    notes: tuple[str, ...] = ()
-
-    def __len__(self) -> int:
-        return len(self.alpha)
-
-    def only(self, kept: np.ndarray) -> Rests:
-        """Some of them, by index or mask."""
-        temperature = None if self.temperature is None else self.temperature[kept]
-        return replace(
-            self,
-            alpha=self.alpha[kept],
-            beta=self.beta[kept],
-            volts=self.volts[kept],
-            counts=self.counts[kept],
-            temperature=temperature,
-        )
-
-
-@dataclass(frozen=True)
-class Experiment:
-    """Rows that a simulated experiment gives.
+class TurntableRun:
+    """Rows that a simulated turntable records.
 
     Attributes:
         alpha, beta: (rows,) [rad], as commanded.
@@ -144,7 +110,7 @@ class Experiment:
     beta: FloatArray
     volts: FloatArray
     temperature: FloatArray
-    attitudes: Rotation = field(default_factory=Rotation.identity)
+    attitudes: Rotation
 
 
 def attitude(
@@ -154,7 +120,7 @@ def attitude(
     level: float = 0.0,
     square: float = 0.0,
 ) -> Rotation:
-    """R_TB at each pair of angles [rad], with delta, lambda and nu [rad]."""
+    """Return R_TB at each pair of angles [rad], with delta, lambda and nu [rad]."""
     return (
         Rotation.from_euler("x", level)
         * Rotation.from_euler("y", -(alpha + zero)[:, None])
@@ -164,39 +130,18 @@ def attitude(
 
 
 def up(alpha: FloatArray, beta: FloatArray) -> FloatArray:
-    """The vertical in B by the ideal turntable, (n, 3)."""
+    """Return the vertical in B by the ideal turntable, (n, 3)."""
     return attitude(alpha, beta).inv().apply([0.0, 0.0, 1.0])
 
 
-def joined(parts: Sequence[Rests]) -> Rests:
-    """Several recordings of one unit as one.
-
-    Raises:
-        SteadytipError: they do not have the same channels.
-    """
-    first = parts[0]
-    if any(one.channels != first.channels for one in parts):
-        raise SteadytipError("the recordings do not have the same channels; give those that do")
-    warm = [one.temperature for one in parts if one.temperature is not None]
-    return Rests(
-        np.concatenate([one.alpha for one in parts]),
-        np.concatenate([one.beta for one in parts]),
-        np.concatenate([one.volts for one in parts]),
-        np.concatenate(warm) if len(warm) == len(parts) else None,
-        np.concatenate([one.counts for one in parts]),
-        first.channels,
-        tuple(dict.fromkeys(note for one in parts for note in one.notes)),
-    )
-
-
 def grid(step: float = GRID) -> tuple[FloatArray, FloatArray]:
-    """Angles of the procedure in the order in which they are visited [rad].
+    """Return the angles of the procedure in the order in which they are visited [rad].
 
     Args:
         step: of both angles, a whole part of 90 [deg].
 
     Raises:
-        SteadytipError: it is not.
+        SteadytipError: the step has another value.
     """
     if not (10.0 <= step <= 45.0 and abs(90.0 / step - round(90.0 / step)) < 1e-9):
         raise SteadytipError(
@@ -211,7 +156,7 @@ def grid(step: float = GRID) -> tuple[FloatArray, FloatArray]:
 
 
 def sensors(scenario: str, part: str) -> Mapping[str, Any]:
-    """Settings of a scenario's sensors.
+    """Return the settings of a scenario's sensors.
 
     Raises:
         SteadytipError: no such scenario or part, or not an FMU.
@@ -225,106 +170,45 @@ def sensors(scenario: str, part: str) -> Mapping[str, Any]:
     return table.settings
 
 
-class Mounted:
-    """Sensors as an FMU that is held in place: what it feels is constant until it is told anew.
-
-    A context manager, which ends the FMU.
-
-    Args:
-        settings: of the part (`fmu`, and values of parameters); what takes `force1_x` .. `force3_z`
-            and `field_x` .. gives `volts_a1x` .. `volts_mz`.
-        seed: of the sensors' noise.
-        ambient: temperature of the room, for sensors with an input of that name [degC].
-        seconds: that it will run at most.
-
-    Raises:
-        SteadytipError: the FMU does not build, or has other ports.
-    """
-
-    def __init__(
-        self, settings: Mapping[str, Any], seed: int, ambient: float, seconds: float
-    ) -> None:
-        (prepared,) = FmuPart.prepare({"sensors": settings}, lambda text: None).values()
-        self._part = FmuPart("sensors", prepared, seed)
-        felt = [f"force{i}_{a}" for i in (1, 2, 3) for a in "xyz"] + [f"field_{a}" for a in "xyz"]
-        names = [port.name for port in self._part.inputs]
-        outputs = [port.name for port in self._part.outputs]
-        told = [f"volts_{channel}" for channel in CHANNELS]
-        lacking = [name for name in felt if name not in names]
-        lacking += [name for name in told if name not in outputs]
-        if lacking:
-            raise SteadytipError(
-                f"{self._part.description.path.name} has no {', '.join(lacking)}; the turntable "
-                "needs the ports of InertialSensors"
-            )
-        self._driven = [name for name in names if name in felt or name == "ambient"]
-        self._at = [outputs.index(name) for name in told]
-        self._warm = outputs.index("temperature") if "temperature" in outputs else None
-        self._ambient, self._steps = ambient, round(seconds / STEP)
-        self._u, self._y = np.zeros(len(self._driven)), np.zeros(len(outputs))
-        self._tick = -1  # not started
-
-    def __enter__(self) -> Mounted:
-        self._folder = tempfile.TemporaryDirectory(ignore_cleanup_errors=True)
-        return self
-
-    def __exit__(self, *error: object) -> None:
-        self._part.close()
-        self._folder.cleanup()
-
-    def feel(self, force: FloatArray, field: FloatArray) -> None:
-        """From now on: specific force of all sites, field; in B, (3,) [m/s2], [T]."""
-        values = {f"force{i}_{a}": force[j] for i in (1, 2, 3) for j, a in enumerate("xyz")}
-        values |= {f"field_{a}": field[j] for j, a in enumerate("xyz")}
-        self._u[:] = [values.get(name, self._ambient) for name in self._driven]
-        if self._tick < 0:
-            run = RunContext(STEP, self._steps, Path(self._folder.name))
-            initialised = [True] * len(self._driven)
-            self._part.start(run, self._driven, initialised, self._u, self._y)
-            self._tick = 0
-
-    def wait(self, steps: int) -> None:
-        """Let time pass."""
-        self._part.advance(self._tick * STEP, steps * STEP)
-        self._tick += steps
-
-    def read(self, steps: int) -> tuple[FloatArray, FloatArray]:
-        """Samples of the channels, (steps, 9) [V], and of the thermometer, (steps,) [degC]."""
-        rows = np.empty((steps, len(self._y)))
-        advance, tick, y = self._part.advance, self._tick, self._y
-        for row in rows:
-            advance(tick * STEP, STEP)
-            tick += 1
-            row[:] = y
-        self._tick = tick
-        warm = np.full(steps, self._ambient) if self._warm is None else rows[:, self._warm]
-        return rows[:, self._at], warm
+def _build_sensors(settings: Mapping[str, Any], seed: int) -> FmuPart:
+    """Build the sensors' FMU and check its ports."""
+    (prepared,) = FmuPart.prepare({"sensors": settings}, lambda text: None).values()
+    part = FmuPart("sensors", prepared, seed)
+    ports = {port.name for port in (*part.inputs, *part.outputs)}
+    lacking = [name for name in (*_FELT, *_VOLTS) if name not in ports]
+    if lacking:
+        raise SteadytipError(
+            f"{part.description.path.name} has no {', '.join(lacking)}; the turntable needs the "
+            "ports of InertialSensors"
+        )
+    return part
 
 
 def simulate(
     settings: Mapping[str, Any],
     alpha: FloatArray,
     beta: FloatArray,
-    table: Table,
+    table: Turntable,
     seed: int,
     ambient: float = ROOM,
     dwell: float = DWELL,
     progress: Callable[[int, int], None] = lambda done, count: None,
-) -> Experiment:
-    """Turn sensors through angles and write down what they tell at rest.
+) -> TurntableRun:
+    """Turn sensors through angles and record their outputs at rest.
 
     The FMU is loaded once and runs on from one angle to the next; between two there is no motion,
     only the time in which its filters settle.
 
     Args:
-        settings: see `Mounted`.
+        settings: settings of the part (`fmu`, and values of parameters). Inputs are `force1_x` ..
+            `force3_z` and `field_x` .., outputs `volts_a1x` .. `volts_mz`.
         alpha: commanded, (n,) [rad].
         beta: commanded, (n,) [rad].
         table: the turntable.
         seed: of the sensors' noise.
         ambient: temperature of the room [degC].
         dwell: time at each angle of which means are taken [s].
-        progress: told the angles done, and of all.
+        progress: takes the number of angles done and of all angles.
 
     Returns:
         `ROWS` rows for each pair of angles.
@@ -336,18 +220,34 @@ def simulate(
     dip = design.MAGNETIC_INCLINATION
     north = design.MAGNETIC_FIELD * np.array([np.cos(dip), 0.0, -np.sin(dip)])
     force = attitudes.inv().apply([0.0, 0.0, design.SITE_GRAVITY])
-    field = attitudes.inv().apply(north)
-    count, n = max(round(dwell / ROWS / STEP), 1), len(alpha)
-    volts, temperature = np.empty((n, ROWS, len(CHANNELS))), np.empty((n, ROWS))
-    with Mounted(settings, seed, ambient, n * (SETTLE + dwell)) as mounted:
+    felt = np.column_stack((force, force, force, attitudes.inv().apply(north)))
+    count, settle, n = max(round(dwell / ROWS / STEP), 1), round(SETTLE / STEP), len(alpha)
+    volts, temperature = np.empty((n, ROWS, len(CHANNELS))), np.full((n, ROWS), ambient)
+    part = _build_sensors(settings, seed)
+    driven = [port.name for port in part.inputs if port.name in (*_FELT, "ambient")]
+    outputs = [port.name for port in part.outputs]
+    places = [driven.index(name) for name in _FELT]
+    columns = [outputs.index(name) for name in _VOLTS]
+    u, y = np.full(len(driven), ambient), np.zeros(len(outputs))
+    u[places] = felt[0]
+    samples, tick = np.empty((ROWS * count, len(outputs))), 0
+    with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder, closing(part):
+        run = RunContext(STEP, round(n * (SETTLE + dwell) / STEP), Path(folder))
+        part.start(run, driven, [True] * len(driven), u, y)
         for k in range(n):
-            mounted.feel(force[k], field[k])
-            mounted.wait(round(SETTLE / STEP))
-            rows, warm = mounted.read(ROWS * count)
-            volts[k] = rows.reshape(ROWS, count, -1).mean(axis=1)
-            temperature[k] = warm.reshape(ROWS, count).mean(axis=1)
+            u[places] = felt[k]
+            part.advance(tick * STEP, settle * STEP)
+            tick += settle
+            for row in samples:
+                part.advance(tick * STEP, STEP)
+                tick += 1
+                row[:] = y
+            volts[k] = samples[:, columns].reshape(ROWS, count, -1).mean(axis=1)
+            if "temperature" in outputs:
+                warm = samples[:, outputs.index("temperature")]
+                temperature[k] = warm.reshape(ROWS, count).mean(axis=1)
             progress(k + 1, n)
-    return Experiment(
+    return TurntableRun(
         np.repeat(alpha, ROWS),
         np.repeat(beta, ROWS),
         volts.reshape(n * ROWS, -1),

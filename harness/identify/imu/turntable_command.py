@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from harness.report.terminal import bar, say
-
-_console = Console()
+from harness.identify.options import CommandOutput, Quiet
 
 
 def command(
@@ -34,14 +31,15 @@ def command(
         ),
     ] = None,
     seed: Annotated[int, typer.Option(help="Of the turntable's errors and of all noise.")] = 1,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+    quiet: Quiet = False,
 ) -> None:
-    """What a bench would record for `identify imu`: angles, volts and temperature at rest."""
+    """Simulate a bench and write a recording for `identify imu`."""
     import numpy as np
 
     from harness.common.errors import SteadytipError
     from harness.identify.imu import turntable
-    from harness.identify.parameter_files import write_table
+    from harness.recordings.tables import write_table
+    from harness.recordings.turntable import CHANNELS
 
     if not 0.05 <= dwell <= 60:
         raise SteadytipError(f"--dwell {dwell:g}: must be in [0.05, 60] s")
@@ -54,26 +52,25 @@ def command(
     alpha, beta = turntable.grid(grid)
     settings = turntable.sensors(scenario, part)
     rows = []
-    with bar(_console, quiet) as progress:
-        task = progress.add_task("turning", total=len(alpha) * len(rooms))
+    output = CommandOutput(quiet)
+    with output.progress() as add:
+        update = add("turning")
         for k, room in enumerate(rooms):
             done = turntable.simulate(
                 settings,
                 alpha,
                 beta,
-                turntable.Table(seed=seed + k),
+                turntable.Turntable(seed=seed + k),
                 seed + k,
                 room,
                 dwell,
-                lambda n, count, k=k: progress.update(task, completed=n + k * count),  # type: ignore[misc]
+                lambda n, count, k=k: update(n + k * count, len(rooms) * count),  # type: ignore[misc]
             )
             angles = np.degrees(np.column_stack((done.alpha, done.beta)))
             rows.append(np.column_stack((angles, done.volts, done.temperature)))
     headings = ["alpha [deg]", "beta [deg]"]
-    headings += [f"{name} [V]" for name in turntable.CHANNELS] + ["temperature [degC]"]
+    headings += [f"{name} [V]" for name in CHANNELS] + ["temperature [degC]"]
     table = np.concatenate(rows)
     write_table(out, headings, table, ["%.4f", "%.4f", *["%.7f"] * 9, "%.4f"])
-    if not quiet:
-        rests = len(alpha) * len(rooms)
-        text = f"{out}: {len(table)} means of {dwell / turntable.ROWS:.4g} s in {rests} rests"
-        say(_console, text, "dim")
+    rests = len(alpha) * len(rooms)
+    output.say(f"{out}: {len(table)} means of {dwell / turntable.ROWS:.4g} s in {rests} rests")

@@ -4,28 +4,28 @@
     w_i'  = w_i + A psi_i (t - m) P_i zeta_i
     P_i'  = P_i - A psi_i^2 (P_i zeta_i) (P_i zeta_i)^T + Q I
 
-Weights are the state of a Kalman filter whose measurement is the output (Nechyba 1998). Between
-nodes the covariance is neglected: one matrix for the output, one for the hidden unit that is new.
-`ndekf` computes it.
+The weights are the state of a Kalman filter; its measurement is the output (Nechyba 1998).
+Covariances between nodes are neglected: there is one matrix for the output and one for the new
+hidden unit. `ndekf` computes the filter.
 
-A network begins without hidden units, so as a linear filter. Then units are added one at a time: a
+A network begins without hidden units, as a linear filter. Units are then added one at a time. A
 pool of candidates, some of each activation with random weights, is trained side by side, each with
-an output of its own; the one that leaves the least error stays, its input weights are frozen, and
-the output is trained again. The thesis trains candidates by quickprop and the rest by the filter;
-here the filter trains both, as in Nechyba's work, since the pool costs little more than one.
+an output of its own. The candidate with the least error stays, its input weights are frozen, and
+the output is trained again. The thesis trains candidates by quickprop and the output by the filter.
+Here the filter trains both, as in Nechyba's work, because a pool costs little more than one
+candidate.
 
-What it is trained on (A04 5.3.3): an error, recorded while somebody tried to hold still, on a
-motion that is made up, white noise behind a low-pass. Inputs are the sum, raw and up to now; the
-target is that motion, or else the error, which is what Riviere and Khosla do. In every epoch a new
-motion is made up and the error taken at another level, larger or smaller by up to e^spread, and
-turned: backwards or mirrored, since who holds still knows no direction. Sixteen seconds hold too
-little of either for a network not to learn it by heart. One epoch without any of that is the
-thesis.
+Training data (A04 5.3.3) are an error, recorded while somebody tried to hold still, on a motion
+that is made up, white noise behind a low-pass. Inputs are the raw sum up to now. The target is that
+motion, or the error, as Riviere and Khosla do. Every epoch has a new motion. It takes the error at
+another level, larger or smaller by up to e^spread, and backwards or mirrored, because a hand that
+holds still knows no direction. Without this, a network would learn sixteen seconds by heart. One
+epoch without any of it is the method of the thesis.
 
 | symbol | name | meaning |
 | --- | --- | --- |
 | w_i, P_i | weights, covariance | of node i |
-| zeta_i | | what comes into node i: inputs, 1, hidden units |
+| zeta_i | | inputs of node i: inputs of the network, 1, hidden units |
 | psi_i | | slope of the output with the node's net input; 1 for the output |
 | R, Q | noise, drift | variance of the measurement, and of the weights from sample to sample |
 | t, m | | target and output, over the scale |
@@ -44,22 +44,21 @@ from scipy import signal
 from fmu_src.tremor.cascade_neural import ACTIVATIONS, HIDDEN, INPUTS, SAMPLE_PERIOD, SPACINGS
 from harness.common.errors import SteadytipError
 from harness.common.types import FloatArray
+from harness.identify.options import Progress
 from harness.identify.tremor_nn.ndekf import train_output, train_pool
 
 __all__ = ["Architecture", "Network", "Training", "pseudo_motion", "train", "train_filter"]
 
 RATE = 1 / SAMPLE_PERIOD
-"""Of everything here [Hz]."""
+"""Sample rate of everything here [Hz]."""
 CUTOFF = 1.0
-"""Of the motion that is made up [Hz] (A04 Fig. 5.7)."""
+"""Corner of the motion that is made up [Hz] (A04 Fig. 5.7)."""
 ORDER = 4
-"""Of its low-pass, a Butterworth; the thesis does not say. Others change reductions by a point."""
+"""Order of its Butterworth low-pass; the thesis gives none. Others change reductions by a point."""
 LEAD = 10.0
-"""Of a motion that is made up, left out for the low-pass to settle [s]."""
+"""Beginning of a motion that is left out, so that the low-pass settles [s]."""
 MOST_EPOCHS = 1000
-"""Beyond that nothing is learnt, but for patience."""
-Progress = Callable[[int, int], None]
-"""Told the number of steps done, and of all."""
+"""More epochs teach nothing new."""
 Target = Literal["motion", "error"]
 Draw = Callable[[int], tuple[FloatArray, FloatArray]]
 """Inputs, (n, inputs), and targets, (n,), of an epoch."""
@@ -97,28 +96,28 @@ class Architecture:
         return (self.inputs - 1) * self.spacing
 
     def windows(self, motion: FloatArray, every: int = 1) -> FloatArray:
-        """Inputs at each sample from `lead` on, newest first, (n, inputs).
+        """Return the inputs at each sample from `lead` on, newest first, (n, inputs).
 
         Args:
             motion: (samples,).
             every: samples from one to the next.
         """
-        whole = sliding_window_view(motion, self.lead + 1)[::every]
-        return whole[:, :: -self.spacing]
+        windows = sliding_window_view(motion, self.lead + 1)[::every]
+        return windows[:, :: -self.spacing]
 
 
 @dataclass(frozen=True)
 class Training:
-    """How a network is trained.
+    """Settings of a training.
 
     Noise, covariances, epochs and spread are tuned, on the five hands of `bench.cascade` in
     `harness.reproduce`; within factors of three they change reductions there by a point.
 
     Attributes:
         epochs: passes over the trials, each with another motion and level.
-        spread: of the error's level, in its natural logarithm.
-        turned: whether the error is taken backwards and mirrored as well, epochs in turn.
-        every: samples from one that is learnt from to the next; neighbours say the same.
+        spread: spread of the error's level, in its natural logarithm.
+        turned: True to use the error backwards and mirrored as well, epochs in turn.
+        every: samples from one that is learnt to the next; neighbours are alike.
         copies: candidates of each activation.
         noise: R.
         output_covariance: of the output's weights before the first sample.
@@ -150,7 +149,7 @@ class Training:
 
 @dataclass(frozen=True)
 class Node:
-    """A hidden unit: its activation and what it is connected by.
+    """A hidden unit: its activation and weights.
 
     Attributes:
         kind: as the model counts activations.
@@ -181,7 +180,7 @@ class Network:
     errors: tuple[float, ...]
 
     def cut(self, hidden: int) -> Network:
-        """The network as it was when it had so many hidden units."""
+        """Return the network as it was with fewer hidden units."""
         return replace(
             self,
             nodes=self.nodes[:hidden],
@@ -190,7 +189,7 @@ class Network:
         )
 
     def filtered(self, motion: FloatArray) -> FloatArray:
-        """Motion without error, from the sample on at which the window is full.
+        """Remove the error from a motion, from the sample on at which the window is full.
 
         Args:
             motion: about the place that is held, (n,) [m], n above `architecture.lead`.
@@ -205,7 +204,7 @@ class Network:
         return out
 
     def parameters(self, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> dict[str, object]:
-        """Parameters of the model `CascadeNeural`, by path of the field.
+        """Return parameters of the model `CascadeNeural`, by path of the field.
 
         Args:
             origin: place that is held, (3,) [m].
@@ -237,12 +236,12 @@ class Network:
 
 
 def pseudo_motion(samples: int, rms: float, rng: np.random.Generator) -> FloatArray:
-    """Motion that nobody made: white noise behind a low-pass (A04 5.3.3, Fig. 5.7).
+    """Make up a motion: white noise behind a low-pass (A04 5.3.3, Fig. 5.7).
 
     Args:
-        samples: how many, at RATE.
-        rms: about its mean, which is 0 [m].
-        rng: where it comes from.
+        samples: number of samples at RATE.
+        rms: rms about the mean, which is 0 [m].
+        rng: source of the noise.
 
     Returns:
         (samples,) [m].
@@ -269,9 +268,9 @@ def train_filter(
         errors: one for each trial, about the place that was held, (n,) [m] each at RATE.
         rms: of the motion that is made up [m]; the network's scale, too.
         architecture: size of the network.
-        training: how.
-        target: what the network is trained to tell; the filter tells the motion in either case.
-        progress: told the steps done.
+        training: settings of the training.
+        target: output that the network is trained for; the filter returns the motion either way.
+        progress: takes the steps done.
         names: of the trials, for messages.
 
     Raises:
@@ -308,7 +307,7 @@ def train_filter(
     network = train(draw, architecture, rms, how, progress)
     if target == "motion":
         return network
-    # The motion is what the error leaves of the newest input.
+    # The motion is the newest input less the error.
     newest = np.eye(architecture.inputs + 1)[0]
     outputs = tuple(
         np.concatenate((newest - out[: len(newest)], -out[len(newest) :]))
@@ -330,8 +329,8 @@ def train(
         draw: gives inputs and targets of an epoch, over the scale, each time the same.
         architecture: size of the network; hidden units are added up to it.
         scale: of inputs and output [m].
-        training: how.
-        progress: told the steps done.
+        training: settings of the training.
+        progress: takes the steps done.
     """
     rng = np.random.default_rng(training.seed)
     drawn = [draw(epoch) for epoch in range(training.epochs)]
@@ -357,7 +356,7 @@ def train(
 
 
 def _turned(error: FloatArray, epoch: int) -> FloatArray:
-    """An error as it is, backwards, mirrored, or both, by turns."""
+    """Return an error as it is, backwards, mirrored, or both, in turn by epoch."""
     way = error[::-1] if epoch % 2 else error
     return -way if epoch // 2 % 2 else way
 
@@ -391,20 +390,20 @@ def _best_candidate(
     how: Training,
     rng: np.random.Generator,
 ) -> Node:
-    """Train a pool of candidates side by side; the one that leaves the least error.
+    """Train a pool of candidates side by side; return the one with the least error.
 
     Args:
         zeta: inputs, 1 and hidden units of each sample, (n, k).
         wanted: targets, (n,).
         out: weights of the output so far, (k,).
         order: in which the samples come.
-        how: of the training.
+        how: settings of the training.
         rng: of the weights at the start.
     """
     size, pool = zeta.shape[1], how.copies * len(ACTIVATIONS)
     weights = np.zeros((2, pool, size + 1))
     weights[0, :, :-1] = rng.standard_normal((pool, size)) / np.sqrt(size)
-    # A hint of the unit in the output: with none, nothing would tell its weights where to go.
+    # The output begins with a little of the unit: without it, the weights have no gradient.
     weights[1] = np.append(out, 0.1)
     covariances = np.empty((2, size + 1))
     covariances[0], covariances[1] = how.hidden_covariance, how.output_covariance

@@ -6,11 +6,8 @@ from pathlib import Path
 from typing import Annotated
 
 import typer
-from rich.console import Console
 
-from harness.report.terminal import bar, printed, say
-
-_console = Console()
+from harness.identify.options import CommandOutput, Out, Quiet, Report
 
 
 def command(
@@ -25,12 +22,7 @@ def command(
         list[Path] | None,
         typer.Option(metavar="RECORDING", help="To be tested on only; may be given repeatedly."),
     ] = None,
-    out: Annotated[
-        Path | None,
-        typer.Option(
-            "--out", "-o", metavar="FILE", help="The set; build/identify/RECORDING.ssv by default."
-        ),
-    ] = None,
+    out: Out = None,
     fit: Annotated[
         str,
         typer.Option(
@@ -61,19 +53,20 @@ def command(
         ),
     ] = None,
     seed: Annotated[int | None, typer.Option(help="Of all that is random.")] = None,
-    report: Annotated[bool, typer.Option(help="Write the HTML page beside the set.")] = True,
-    quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
+    report: Report = True,
+    quiet: Quiet = False,
 ) -> None:
-    """Neural filter for errors that are no tremor, as a parameter set for any run."""
+    """Train a neural filter for errors that are no tremor, as a parameter file for any run."""
     import math
 
     from harness.common.errors import SteadytipError
     from harness.identify.tremor_nn import fit as neural
     from harness.identify.tremor_nn.cascade import Architecture, Training
+    from harness.identify.tremor_nn.page import trial_table, unit_table, write_page
+    from harness.identify.tremor_nn.read import AXES, read_trials
 
-    if out is not None and out.suffix != ".ssv":
-        raise SteadytipError(f"--out {out}: a parameter set ends in .ssv")
-    if not axes or set(axes) - set(neural.AXES) or len(set(axes)) < len(axes):
+    output = CommandOutput(quiet, out, recordings[0])
+    if not axes or set(axes) - set(AXES) or len(set(axes)) < len(axes):
         raise SteadytipError(f"--axes {axes}: must be some of xyz, each once, as in xz")
     if intent is not None and not (math.isfinite(intent) and 0 < intent <= 1e5):
         raise SteadytipError(f"--intent {intent:g}: must be above 0 and at most 100000 um")
@@ -81,30 +74,14 @@ def command(
     architecture = Architecture(**{name: n for name, n in size.items() if n is not None})
     how = {"epochs": epochs, "seed": seed}
     training = Training(**{name: n for name, n in how.items() if n is not None})  # type: ignore[arg-type]
-    found = [trial for path in recordings for trial in neural.trials(path, axes, fit)]
-    found += [trial for path in test or () for trial in neural.trials(path, axes, "1", "other")]
-    with bar(_console, quiet) as progress:
-        task = progress.add_task("training", total=None)
-        done = neural.evaluate(
-            found,
-            architecture,
-            training,
-            None if intent is None else 1e-6 * intent,
-            lambda steps, count: progress.update(task, completed=steps, total=count),
-        )
-    path = out or Path("build", "identify", f"{recordings[0].stem}.ssv")
-    if not quiet:
-        for trial in done.trials:
-            if trial.note:
-                say(_console, f"note: {trial.note}", "yellow")
-        _console.print(printed(done.table()))
-        _console.print()
-        _console.print(printed(done.unit_table()))
-    files = {"parameters": neural.write_set(path, done.network)}
+    found = [trial for path in recordings for trial in read_trials(path, axes, fit)]
+    found += [trial for path in test or () for trial in read_trials(path, axes, "1", "other")]
+    with output.progress() as add:
+        level = None if intent is None else 1e-6 * intent
+        done = neural.evaluate(found, architecture, training, level, add("training"))
+    output.notes(trial.note for trial in done.trials if trial.note)
+    output.tables(trial_table(done), unit_table(done))
+    files = {"parameters": neural.write_network(output.path, done.network)}
     if report:
-        files["page"] = neural.write_page(path.with_suffix(".html"), done)
-    if not quiet:
-        for what, file in files.items():
-            say(_console, f"{what}: {file}", "dim")
-        text = f"for parts that are a CascadeNeural: --set part.NAME.parameters={path}"
-        say(_console, text, "dim")
+        files["page"] = write_page(output.path.with_suffix(".html"), done)
+    output.files(files, "CascadeNeural")

@@ -1,18 +1,18 @@
 """Node-decoupled extended Kalman filtering of candidates, several samples at a time.
 
-The filter (see `cascade`) goes through both covariances of a candidate with every sample. But what
-one sample means for those after it depends on few numbers, so that the covariances have to be gone
-through once for a block of B samples. With Z = (zeta_1 ... zeta_B), and P of the block's beginning,
+The filter (see `cascade`) updates both covariances of a candidate with every sample. The effect of
+a sample on the next ones depends on few numbers, so that the covariances can be updated once for a
+block of B samples. With Z = (zeta_1 ... zeta_B), and P of the block's beginning,
 
     F = P Z,    G = Z^T F
     q_k  = sqrt(A_k) psi_k G_k zeta_k     A_k, psi_k as ever; zeta_k as k-th unit vector
     G   <- G - q_k q_k^T
     P   <- P - (F T) (F T)^T              F times column k of T: P_k zeta_k, scaled as q_k is
 
-which is the same filter, without any approximation. Net inputs and outputs of the block go along
-as w^T Z does. What comes into the output has the hidden unit at its end,
-which is known only when its sample is due; so the unit vector of that place is a further column
-of Z. Drift, which adds to P at each sample, makes blocks of one sample.
+which is the same filter, without any approximation. Net inputs and outputs of the block are updated
+as w^T Z. The last input of the output is the hidden unit, which is known only at its sample; so the
+unit vector of that place is a further column of Z. Drift adds to P at each sample and needs blocks
+of one sample.
 """
 
 from __future__ import annotations
@@ -29,9 +29,9 @@ from harness.common.types import FloatArray
 __all__ = ["train_output", "train_pool"]
 
 BLOCK = 8
-"""Samples of a block; the time has its least between 6 and 12."""
+"""Samples of a block; 6 to 12 are fastest."""
 ROWS = 32
-"""Samples of a product; with more, threads would cost more than they bring."""
+"""Samples of a product; with more, threads cost more time than they save."""
 
 
 def train_output(
@@ -42,15 +42,15 @@ def train_output(
     covariance: float,
     drift: float = 0.0,
 ) -> FloatArray:
-    """Weights of an output alone, for which the filter is recursive least squares.
+    """Train the weights of an output alone; the filter is then recursive least squares.
 
     Args:
-        zeta: what comes into it at each sample, (n, k).
+        zeta: inputs of the output at each sample, (n, k).
         wanted: targets, (n,).
         start: weights before the first sample, (k,).
         noise: R.
         covariance: of each weight before the first sample.
-        drift: Q; without it the end is known, whatever the order of the samples.
+        drift: Q; without it the result does not depend on the order of the samples.
 
     Returns:
         (k,).
@@ -82,10 +82,10 @@ def train_pool(
     drift: float = 0.0,
     block: int = BLOCK,
 ) -> FloatArray:
-    """Hidden units with an output of their own each, trained side by side.
+    """Train hidden units side by side, each with an output of its own.
 
     Args:
-        zeta: what comes into the hidden units at each sample, (n, k).
+        zeta: inputs of the hidden units at each sample, (n, k).
         wanted: targets, (n,).
         weights: before the first sample, (2, pool, k + 1), of the hidden units (the last one is
             none) and of the outputs (the last one is that of the hidden unit). The pool holds as
@@ -103,8 +103,8 @@ def train_pool(
     C = np.empty((2, pool, size, size))
     C[:] = (covariances[:, :, None] * np.eye(size))[:, None]
     block = 1 if drift else min(block, len(wanted))
-    whole = len(wanted) - len(wanted) % block
-    for first, past, count in ((0, whole, block), (whole, len(wanted), len(wanted) - whole)):
+    blocks = len(wanted) - len(wanted) % block
+    for first, past, count in ((0, blocks, block), (blocks, len(wanted), len(wanted) - blocks)):
         if past == first:
             continue
         scan = _Scan(pool, count, noise)
@@ -135,7 +135,7 @@ class _Scan:
         linear: net inputs and outputs at the block's beginning, (2, pool, B + 1).
         wanted: targets, (B,).
         columns: T of both, transposed, (2, pool, B, B + 1).
-        gain: what columns go into the weights with, (pool, B).
+        gain: factors of the columns in the change of the weights, (pool, B).
     """
 
     def __init__(self, pool: int, count: int, noise: float) -> None:
@@ -165,14 +165,14 @@ class _Scan:
             self._calls.append((buffer, evaluate))
 
     def run(self) -> None:
-        """From gram, linear and wanted to columns and gain."""
+        """Compute columns and gain from gram, linear and wanted."""
         for _, evaluate in self._calls:
             evaluate()
 
 
 @cache
 def _block(kind: str, count: int, copies: int) -> ca.Function:
-    """The filter within a block of `count` samples, for so many units of one activation."""
+    """Build the filter within a block of `count` samples, for `copies` units of one activation."""
     activation, n = ACTIVATIONS[kind], count + 1
     given = [ca.SX.sym(name, n, n) for name in ("G", "L")]
     linear = [ca.SX.sym(name, n) for name in ("z", "y")]
@@ -190,7 +190,7 @@ def _block(kind: str, count: int, copies: int) -> ca.Function:
         root = 1 / ca.sqrt(noise + psi**2 * q[0] + m[0] + h * m[-1])
         gain = root * (wanted[k] - y[k] - h * y[-1])
         q, m = root * psi * q, root * m
-        # Columns of T, in terms of F: what comes in, less what the samples before took.
+        # Columns of T, in terms of F: the input less the share of the samples before.
         for columns, scale, into in ((hidden, root * psi, 0.0), (output, root, h)):
             column = ca.SX(n, 1)
             column[k], column[-1] = 1.0, into

@@ -34,7 +34,8 @@ from harness.identify.tremor_nn.cascade import (
     pseudo_motion,
     train_filter,
 )
-from harness.identify.tremor_nn.fit import Score, Trial, at_rate, score
+from harness.identify.tremor_nn.fit import FilterScore, score
+from harness.identify.tremor_nn.read import StillTrial, at_rate
 from harness.recordings.motion import read_recording, recordings
 
 SECONDS = 16.0
@@ -65,7 +66,7 @@ class Hand:
     """
 
     name: str
-    trials: tuple[Trial, ...]
+    trials: tuple[StillTrial, ...]
 
     @property
     def chosen(self) -> int:
@@ -74,12 +75,12 @@ class Hand:
         return int(np.argmin(np.abs(levels - levels.mean())))
 
     @property
-    def trained(self) -> Trial:
+    def trained(self) -> StillTrial:
         """Trial that is trained on."""
         return self.trials[self.chosen]
 
     @property
-    def tests(self) -> tuple[Trial, ...]:
+    def tests(self) -> tuple[StillTrial, ...]:
         """All others."""
         return self.trials[: self.chosen] + self.trials[self.chosen + 1 :]
 
@@ -94,7 +95,7 @@ class Best:
     """
 
     network: Network
-    score: Score
+    score: FilterScore
 
 
 @dataclass(frozen=True)
@@ -131,7 +132,7 @@ class Protocol:
             )
         return self._trained[key]
 
-    def score(self, network: Network, trials: Sequence[Trial]) -> Score:
+    def score(self, network: Network, trials: Sequence[StillTrial]) -> FilterScore:
         """A network on some trials."""
         return score(network, [trial.error for trial in trials], self.rms)
 
@@ -168,7 +169,7 @@ def protocol(folder: Path) -> Protocol:
         SteadytipError: fewer than two hands, or a recording that is too short.
     """
     count = round(SECONDS * RATE)
-    found: dict[str, list[Trial]] = {}
+    found: dict[str, list[StillTrial]] = {}
     for path in recordings([folder]):
         name = _NAME.match(path.stem)
         if name is None:
@@ -179,7 +180,7 @@ def protocol(folder: Path) -> Protocol:
                 f"recording {path} lasts {len(position) / RATE:.3g} s, and a trial is {SECONDS:g} s"
             )
         for axis, values in zip("xyz", position[-count:].T, strict=True):
-            trial = Trial(f"{name['hand']}{name['trial']} {axis}", values - values.mean())
+            trial = StillTrial(f"{name['hand']}{name['trial']} {axis}", values - values.mean())
             found.setdefault(f"{name['group']} {name['hand']}", []).append(trial)
     if len(found) < 2:
         raise SteadytipError(

@@ -18,8 +18,8 @@ from fmu_src.estimation.micron.model import MODEL
 from fmu_src.kit.runner import Runner
 from harness.common.types import FloatArray
 from harness.identify.imu import fit as calibration
-from harness.identify.imu import read as rests
 from harness.identify.imu import turntable
+from harness.recordings.turntable import CHANNELS, group_positions, join_positions
 
 __all__ = ["Parameters", "Tilt", "identified", "sweep", "sweeps"]
 
@@ -81,11 +81,11 @@ def identified(
     alpha, beta = turntable.grid()
     settings, parts = turntable.sensors(SCENARIO, "sensors"), []
     for seed, room in enumerate(rooms, start=_CALIBRATED):
-        table = turntable.Table(seed=seed)
+        table = turntable.Turntable(seed=seed)
         done = turntable.simulate(settings, alpha, beta, table, seed, room, dwell)
-        told = (done.alpha, done.beta, done.volts, done.temperature)
-        parts.append(rests.group(*told, turntable.CHANNELS, "the bench"))
-    found = turntable.joined(parts)
+        columns = (done.alpha, done.beta, done.volts, done.temperature)
+        parts.append(group_positions(*columns, CHANNELS, "the bench"))
+    found = join_positions(parts)
     return {
         "data sheet": {},
         "linear": calibration.linear(found),
@@ -115,7 +115,7 @@ def sweep(
         turntable.sensors(SCENARIO, "sensors"),
         alpha,
         beta,
-        turntable.Table(seed=seed),
+        turntable.Turntable(seed=seed),
         seed,
         room,
         DWELL,
@@ -128,7 +128,7 @@ def sweep(
     }
 
 
-def _attitudes(parameters: Parameters, done: turntable.Experiment) -> Rotation:
+def _attitudes(parameters: Parameters, done: turntable.TurntableRun) -> Rotation:
     found, rows = [], turntable.ROWS
     for k in range(0, len(done.volts), rows):
         told = {

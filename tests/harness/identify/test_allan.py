@@ -1,6 +1,5 @@
 """`steadytip identify allan`: noise of known densities, and what becomes of it."""
 
-import re
 import sys
 from pathlib import Path
 
@@ -13,28 +12,15 @@ from fmu_src.errors import SteadytipError
 from fmu_src.estimation.micron.model import MODEL
 from fmu_src.kit.runner import Runner
 from fmu_src.pack.build import load_model
-from harness.cli.main import main
 from harness.identify.allan import fit as allan
-from harness.identify.allan import parameter_files as noise_sets
+from harness.identify.parameter_files import write_parameters
 from harness.parts.ssv import read_ssv
 from plants import gyro_imu, inertial_sensors
+from tests.harness.identify.commands import write_csv
 
 N, K = 2e-3, 2e-3
 """White noise and random walk, unit/Hz0.5 and unit/s0.5."""
 T = 0.01
-
-
-def call(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
-    """Exit code, output, errors of `steadytip identify allan`; blanks made single."""
-    monkeypatch.setattr(sys, "argv", ["steadytip", "identify", "allan", *map(str, arguments)])
-    monkeypatch.setenv("COLUMNS", "200")
-    try:
-        main()
-        code = 0
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    shown = capsys.readouterr()
-    return code, re.sub(r"\s+", " ", shown.out), re.sub(r"\s+", " ", shown.err)
 
 
 def white(rng, count: int, period: float = T, density: float = N) -> np.ndarray:
@@ -138,11 +124,6 @@ def test_slow_samples_fold_the_noise_unless_the_filter_is_known():
 # The command -------------------------------------------------------------------------------------
 
 
-def _write(path: Path, table: np.ndarray, headings) -> Path:
-    np.savetxt(path, table, "%.9g", ",", header=",".join(headings), comments="")
-    return path
-
-
 @pytest.fixture(scope="module")
 def recording(tmp_path_factory) -> Path:
     """The plant at rest for a minute, with the noise of the thesis."""
@@ -152,15 +133,14 @@ def recording(tmp_path_factory) -> Path:
     volts = sensors.run(60_000, inputs)["volts"]
     path = tmp_path_factory.mktemp("rest") / "still.csv"
     table = np.column_stack((np.arange(60_000) * 1e-3, volts))
-    return _write(path, table, ["time [s]", *(f"{n} [V]" for n in inertial_sensors.CHANNELS)])
+    return write_csv(path, table, ["time [s]", *(f"{n} [V]" for n in inertial_sensors.CHANNELS)])
 
 
 def test_channels_of_the_instrument_become_covariances_of_its_estimator(
-    recording, tmp_path, monkeypatch, capsys
+    recording, tmp_path, identify
 ):
     out = tmp_path / "noise.ssv"
-    code, shown, errors = call(monkeypatch, capsys, recording, "--out", out)
-    assert (code, errors) == (0, "")
+    shown = identify.accepts("allan", recording, "--out", out)
     assert "white noise N" in shown
     assert "m/s2/Hz0.5" in shown
     assert (tmp_path / "noise.html").is_file()
@@ -175,41 +155,35 @@ def test_channels_of_the_instrument_become_covariances_of_its_estimator(
     Runner(MODEL, values).run(1)
 
 
-def test_the_scale_of_a_calibrated_unit_is_used(recording, tmp_path, monkeypatch, capsys):
+def test_the_scale_of_a_calibrated_unit_is_used(recording, tmp_path, identify):
     names = [f"accelerometer.scale[{i}]" for i in range(1, 7)]
     names += [f"magnetometer.scale[{i}]" for i in range(1, 4)]
     scalars = [s for s in MODEL.parameters.scalars() if s.name in names]
-    scales = noise_sets.write_scalars(
-        tmp_path / "scales.ssv", [(s, 2 * s.start) for s in scalars], ""
-    )
+    doubled = {s.name: 2 * s.start for s in scalars}
+    scales = write_parameters(tmp_path / "scales.ssv", scalars, doubled, "")
     found = []
     for more in ((), ("--parameters", scales)):
         out = tmp_path / "noise.ssv"
         arguments = ("--out", out, "--fit", "0:20", "--column", "a2y", "--quiet", *more)
-        assert call(monkeypatch, capsys, recording, *arguments)[0] == 0
+        assert identify("allan", recording, *arguments)[0] == 0
         found.append(read_ssv(out)["accelerometer.density[3]"].value)
     assert found[1] == pytest.approx(found[0] / 2, rel=1e-6)
 
 
-def test_any_column_into_any_parameter(tmp_path, monkeypatch, capsys):
+def test_any_column_into_any_parameter(tmp_path, identify):
     """A gyro in deg/s with one column and no time; units are checked against the model's."""
     rng = np.random.default_rng(9)
     path = tmp_path / "gyro.txt"
     path.write_text("\n".join(f"{v:.9g}" for v in white(rng, 30_000) + walk(rng, 30_000)))
     plain = ("--rate", 100, "--unit", "deg/s")
-    code, shown, errors = call(monkeypatch, capsys, path, *plain, "--out", tmp_path / "a.ssv")
-    assert code == 2
-    assert "--into" in errors
-    code, shown, errors = call(monkeypatch, capsys, path, *plain)
-    assert (code, errors) == (0, "")
+    assert "--into" in identify.refuses("allan", path, *plain, "--out", tmp_path / "a.ssv")
+    shown = identify.accepts("allan", path, *plain)
     assert "rad/s/Hz0.5" in shown
     into = ("--into", "bias_start=white:column 1", "--out", tmp_path / "a.ssv")
-    code, _, errors = call(monkeypatch, capsys, path, *plain, *into)
-    assert code == 2
+    errors = identify.refuses("allan", path, *plain, *into)
     assert "in rad/s/Hz0.5, and the parameter is in rad/s" in errors
     into = ("--into", "bias_start=sample:column 1", "--out", tmp_path / "a.ssv")
-    code, _, errors = call(monkeypatch, capsys, path, *plain, *into)
-    assert (code, errors) == (0, "")
+    identify.accepts("allan", path, *plain, *into)
     expected = np.radians(N) / np.sqrt(2 * T)
     assert read_ssv(tmp_path / "a.ssv")["bias_start"].value == pytest.approx(expected, rel=0.05)
 
@@ -226,7 +200,7 @@ def test_any_column_into_any_parameter(tmp_path, monkeypatch, capsys):
     ],
 )
 def test_ports_of_a_gyro_unit_become_covariances_of_its_estimators(
-    model, names, tmp_path, monkeypatch, capsys
+    model, names, tmp_path, identify
 ):
     """The plant's densities; its accelerometers walk too little to be seen in a minute."""
     noise, walk_density = np.radians(0.01), 5e-4
@@ -235,10 +209,9 @@ def test_ports_of_a_gyro_unit_become_covariances_of_its_estimators(
     table = np.column_stack((np.arange(60_000) * 1e-3, out["rate"], out["force"]))
     headings = ["time [s]", *(f"imu.rate_{a} [rad/s]" for a in "xyz")]
     headings += [f"imu.force_{a} [m/s2]" for a in "xyz"]
-    path = _write(tmp_path / "unit.csv", table, headings)
+    path = write_csv(tmp_path / "unit.csv", table, headings)
     arguments = (path, "--model", model, "--out", tmp_path / "unit.ssv")
-    code, shown, errors = call(monkeypatch, capsys, *arguments)
-    assert (code, errors) == (0, "")
+    shown = identify.accepts("allan", *arguments)
     values = {name: entry.value for name, entry in read_ssv(tmp_path / "unit.ssv").items()}
     assert set(values) == names
     short = {n.rpartition(".")[2].removeprefix("rate_bias_"): v for n, v in values.items()}
@@ -283,12 +256,9 @@ def _bad(rng, what: str) -> tuple[np.ndarray, list[str]]:
         ("untimed", ("--rate HZ", "--time NAME")),
     ],
 )
-def test_records_that_are_no_rest_are_refused_with_a_cure(
-    what, words, tmp_path, monkeypatch, capsys
-):
-    path = _write(tmp_path / "bad.csv", *_bad(np.random.default_rng(1), what))
-    code, _, errors = call(monkeypatch, capsys, path, "--out", tmp_path / "bad.ssv")
-    assert code == 2
+def test_records_that_are_no_rest_are_refused_with_a_cure(what, words, tmp_path, identify):
+    path = write_csv(tmp_path / "bad.csv", *_bad(np.random.default_rng(1), what))
+    errors = identify.refuses("allan", path, "--out", tmp_path / "bad.ssv")
     assert "bad.csv" in errors
     for word in words:
         assert word in errors
@@ -310,13 +280,11 @@ def test_records_that_are_no_rest_are_refused_with_a_cure(
         (("--out", "x.txt"), "ends in .ssv"),
     ],
 )
-def test_wrong_options_are_told(arguments, words, tmp_path, monkeypatch, capsys):
+def test_wrong_options_are_told(arguments, words, tmp_path, monkeypatch, identify):
     table, headings = _bad(np.random.default_rng(1), "none")
-    path = _write(tmp_path / "still.csv", table, headings)
+    path = write_csv(tmp_path / "still.csv", table, headings)
     monkeypatch.chdir(tmp_path)
-    code, _, errors = call(monkeypatch, capsys, path, *arguments)
-    assert code == 2
-    assert words in errors
+    assert words in identify.refuses("allan", path, *arguments)
 
 
 def test_a_missing_allantools_is_told(monkeypatch):

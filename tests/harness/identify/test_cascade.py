@@ -1,7 +1,6 @@
 """Training of the cascade neural filter: by NDEKF, on known systems, and as a command."""
 
 import re
-import sys
 
 import numpy as np
 import pytest
@@ -9,7 +8,6 @@ import pytest
 from fmu_src.errors import SteadytipError
 from fmu_src.kit.runner import Runner
 from fmu_src.tremor.cascade_neural import ACTIVATIONS, MODEL, SAMPLE_PERIOD
-from harness.cli.main import main
 from harness.identify.tremor_nn import fit as neural
 from harness.identify.tremor_nn.cascade import (
     RATE,
@@ -22,10 +20,13 @@ from harness.identify.tremor_nn.cascade import (
     train_filter,
 )
 from harness.identify.tremor_nn.ndekf import train_output, train_pool
+from harness.identify.tremor_nn.read import read_trials
 from harness.parts.ssv import read_ssv
+from tests.harness.identify.commands import write_csv
 
 QUICK = Training(epochs=2, every=10, copies=1, output_covariance=1e-2)
 SMALL = Architecture(inputs=8, hidden=2, spacing=5)
+HEADINGS = ["time [s]", "x [mm]", "y [mm]", "z [mm]"]
 
 
 def _hand(seconds=12.0, seed=5):
@@ -163,24 +164,9 @@ def test_the_motion_that_is_made_up_is_slow_and_as_large_as_wanted():
 # The command --------------------------------------------------------------------------------------
 
 
-def call(monkeypatch, capsys, *arguments):
-    """Exit code, output, errors of `steadytip identify tremor-nn`; blanks made single."""
-    monkeypatch.setattr(sys, "argv", ["steadytip", "identify", "tremor-nn", *map(str, arguments)])
-    monkeypatch.setenv("COLUMNS", "200")
-    try:
-        main()
-        code = 0
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    shown = capsys.readouterr()
-    return code, re.sub(r"\s+", " ", shown.out), re.sub(r"\s+", " ", shown.err)
-
-
 def _write(path, position):
     time = np.arange(len(position)) * SAMPLE_PERIOD
-    table = np.column_stack((time, 1e3 * position))
-    np.savetxt(path, table, "%.6f", ",", header="time [s],x [mm],y [mm],z [mm]", comments="")
-    return path
+    return write_csv(path, np.column_stack((time, 1e3 * position)), HEADINGS, "%.6f")
 
 
 @pytest.fixture(scope="module")
@@ -191,12 +177,11 @@ def still(tmp_path_factory):
 SIZE = ("--inputs", 8, "--hidden", 1, "--epochs", 2)
 
 
-def test_a_recording_becomes_a_set_that_a_run_accepts(still, tmp_path, monkeypatch, capsys):
+def test_a_recording_becomes_a_set_that_a_run_accepts(still, tmp_path, identify):
     import steadytip as st
 
     out = tmp_path / "sets" / "nn.ssv"
-    code, shown, err = call(monkeypatch, capsys, still, "--test", still, *SIZE, "-o", out)
-    assert (code, err) == (0, "")
+    shown = identify.accepts("tremor-nn", still, "--test", still, *SIZE, "-o", out)
     assert f"parameters: {out}" in shown
     for role in ("trained", "rest", "other"):
         assert f"mean {role} " in shown
@@ -223,7 +208,7 @@ def test_a_recording_becomes_a_set_that_a_run_accepts(still, tmp_path, monkeypat
     assert used["output.weights[3]"] == values["output.weights[3]"].value
 
 
-def test_mistakes_end_with_2_and_say_what_to_do(still, tmp_path, monkeypatch, capsys):
+def test_mistakes_end_with_2_and_say_what_to_do(still, tmp_path, identify):
     rest = _write(tmp_path / "rest.csv", np.zeros((1500, 3)))
     for arguments, message in (
         ([tmp_path / "no.csv"], "no.csv does not exist"),
@@ -242,28 +227,23 @@ def test_mistakes_end_with_2_and_say_what_to_do(still, tmp_path, monkeypatch, ca
             "does not move at all; nothing can be learnt from it, leave the axis out",
         ),
     ):
-        code, _, err = call(monkeypatch, capsys, *arguments)
-        assert code == 2, arguments
-        assert message in err
-        assert "Traceback" not in err
+        assert message in identify.refuses("tremor-nn", *arguments)
 
 
-def test_a_hand_that_moves_is_told(tmp_path, monkeypatch, capsys):
+def test_a_hand_that_moves_is_told(tmp_path, identify):
     moving = _write(tmp_path / "moving.csv", 60 * _hand(6.0))
-    code, shown, _ = call(
-        monkeypatch, capsys, moving, *SIZE, "--axes", "x", "-o", tmp_path / "m.ssv", "--no-report"
+    shown = identify.accepts(
+        "tremor-nn", moving, *SIZE, "--axes", "x", "-o", tmp_path / "m.ssv", "--no-report"
     )
-    assert code == 0
     assert "mm rms, which is more than holding still" in shown
 
 
 def test_other_rates_are_brought_to_that_of_the_model(tmp_path):
     fast = np.linspace(0, 4, 4001)
     slow = 1e-4 * np.column_stack([np.sin(2 * np.pi * f * fast) for f in (0.5, 1.0, 2.0)])
-    path = tmp_path / "fast.csv"
     table = np.column_stack((fast, 1e3 * slow))
-    np.savetxt(path, table, "%.9f", ",", header="time [s],x [mm],y [mm],z [mm]", comments="")
-    (trial,) = neural.trials(path, "y", "100%")
+    path = write_csv(tmp_path / "fast.csv", table, HEADINGS, "%.9f")
+    (trial,) = read_trials(path, "y", "100%")
     expected = slow[::4, 1] - slow[::4, 1].mean()
     np.testing.assert_allclose(trial.error, expected, atol=1e-10)
 

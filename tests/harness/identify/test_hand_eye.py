@@ -5,10 +5,11 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fmu_src.errors import SteadytipError
-from harness.identify.hand_eye import fit as hand_eye
+from harness.identify.hand_eye.fit import identify_hand_eye
+from harness.identify.hand_eye.read import TrackedMotion, read_tracked_motion
 from harness.parts.ssv import read_ssv
 from tests.estimation.motions import GRAVITY, NORTH, T, quaternion, swaying, turning, white
-from tests.harness.identify.test_hysteresis_command import call
+from tests.harness.identify.commands import write_csv
 
 HAND = Rotation.from_rotvec([0.3, -0.5, 1.0])
 REGISTRATION = Rotation.from_rotvec([0.2, 0.1, -0.8])
@@ -47,10 +48,8 @@ def _columns(name, axes, values):
 
 def write(path, columns, units=None):
     units = units or {}
-    heading = ",".join(f"{name}{units.get(name[:-2], '')}" for name in columns)
-    table = np.column_stack([np.asarray(column, dtype=float) for column in columns.values()])
-    np.savetxt(path, table, "%.9g", ",", header=heading, comments="")
-    return path
+    headings = [f"{name}{units.get(name[:-2], '')}" for name in columns]
+    return write_csv(path, np.column_stack(list(columns.values())).astype(float), headings)
 
 
 @pytest.fixture(scope="module")
@@ -59,7 +58,7 @@ def recording(tmp_path_factory):
 
 
 def test_rotations_bias_and_lag_are_found_within_their_intervals(recording):
-    found = hand_eye.identify(hand_eye.read(recording))
+    found = identify_hand_eye(read_tracked_motion(recording))
     error = (found.mounting.inv() * HAND).as_rotvec()
     assert (np.abs(error) < 1.5 * found.factor * found.mounting_sigma).all()
     assert np.degrees(found.factor * found.mounting_sigma).max() < 0.1
@@ -83,11 +82,11 @@ def test_intervals_hold_as_often_as_they_say():
         at = time[measured] - AGE * T
         keep = (at > 0.2) & (at < time[-1] - 0.2)
         attitudes = np.column_stack([columns[f"em_attitude_{a}"] for a in "wxyz"])[measured][keep]
-        given = hand_eye.Recorded(
+        given = TrackedMotion(
             None, time, np.column_stack([columns[f"rate_{a}"] for a in "xyz"]), None, None,
             at[keep], Rotation.from_quat(attitudes, scalar_first=True),
         )  # fmt: skip
-        found = hand_eye.identify(given)
+        found = identify_hand_eye(given)
         error = (found.mounting.inv() * HAND).as_rotvec()
         inside += list(np.abs(error) < found.factor * found.mounting_sigma)
         assert found.registration is None
@@ -95,10 +94,9 @@ def test_intervals_hold_as_often_as_they_say():
     assert np.mean(inside) > 0.8
 
 
-def test_command_writes_a_set_for_the_filter(monkeypatch, capsys, tmp_path, recording):
+def test_command_writes_a_set_for_the_filter(identify, tmp_path, recording):
     out = tmp_path / "set.ssv"
-    code, shown, errors = call(monkeypatch, capsys, recording, "--out", out, kind="hand-eye")
-    assert code == 0, errors
+    shown = identify.accepts("hand-eye", recording, "--out", out)
     assert "hand-eye rotation h x" in shown
     values = {name: value.value for name, value in read_ssv(out).items()}
     vector = [values[f"tracker.mounting[{i}]"] for i in (1, 2, 3)]
@@ -120,26 +118,26 @@ def test_parts_units_and_what_is_missing(tmp_path):
         named[f"imu.rate_{axis}"] = np.degrees(named[f"imu.rate_{axis}"])
         named[f"robot.rate_{axis}"] = np.zeros(SAMPLES)
     path = write(tmp_path / "run.csv", named, {"imu.rate": " [deg/s]"})
-    read, alone = hand_eye.read(path), hand_eye.read(write(tmp_path / "a.csv", columns))
+    read, alone = read_tracked_motion(path), read_tracked_motion(write(tmp_path / "a.csv", columns))
     np.testing.assert_allclose(read.rate, alone.rate, atol=1e-8)
     np.testing.assert_array_equal(read.force, alone.force)
     assert (read.attitude.inv() * alone.attitude).magnitude().max() < 1e-7
 
     path = write(tmp_path / "b.csv", named, {"imu.rate": " [rpm]"})
     with pytest.raises(SteadytipError, match=r"rate in 'rpm'; known are rad/s, deg/s"):
-        hand_eye.read(path)
+        read_tracked_motion(path)
     less = {name: values for name, values in columns.items() if "attitude" not in name}
     path = write(tmp_path / "c.csv", less)
     with pytest.raises(SteadytipError, match="are in no part; say which with --tracker PART"):
-        hand_eye.read(path)
+        read_tracked_motion(path)
     short = {name: values[:2000] for name, values in columns.items()}
     path = write(tmp_path / "d.csv", short)
     with pytest.raises(SteadytipError, match="at least 100 in 5 s are needed"):
-        hand_eye.read(path)
+        read_tracked_motion(path)
 
 
 def test_turning_about_one_axis_is_not_enough(tmp_path):
     rates = swaying(SAMPLES, 0.6) * [1, 0, 0]
     path = write(tmp_path / "one.csv", recorded(rates=rates))
     with pytest.raises(SteadytipError, match="turn the instrument about two axes"):
-        hand_eye.identify(hand_eye.read(path))
+        identify_hand_eye(read_tracked_motion(path))

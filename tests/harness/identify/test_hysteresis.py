@@ -23,21 +23,13 @@ from harness.identify.hysteresis.plays import (
     stroke_rate,
     sweep,
 )
-from plants import piezo_stack
+from tests.harness.identify.commands import plant_response
 
 RATE = 1000.0
 SENSOR_NOISE = 0.07e-6
 """rms at 1 kHz [m] (A04 7.4)."""
 SETTLED = 2000
 """Samples left out ahead of an error."""
-
-
-def _respond(volts: np.ndarray) -> np.ndarray:
-    """Stroke at the end of each millisecond that a voltage is held."""
-    substeps = round(1 / (RATE * piezo_stack.MODEL.sample_period))
-    held = {"volts": np.repeat(volts, substeps)}
-    run = Runner(piezo_stack.MODEL).run(substeps * len(volts), held)
-    return run["stroke"][substeps - 1 :: substeps]
 
 
 def _noise(samples: int, seed: int) -> np.ndarray:
@@ -47,7 +39,7 @@ def _noise(samples: int, seed: int) -> np.ndarray:
 @pytest.fixture(scope="module")
 def recording() -> tuple[np.ndarray, np.ndarray]:
     volts = excitation(RATE)
-    return volts, _respond(volts) + _noise(len(volts), seed=74)
+    return volts, plant_response(volts, RATE) + _noise(len(volts), seed=74)
 
 
 @pytest.fixture(scope="module")
@@ -61,7 +53,7 @@ def _tracking_error(amplitude: float, frequency: float) -> np.ndarray:
     rise = np.clip(time / 0.5, 0, 1)
     wanted = rise * (9e-6 - amplitude * np.cos(2 * np.pi * frequency * time))
     drive = Runner(inverse_prandtl_ishlinskii.MODEL).run(len(time), {"stroke": wanted})
-    return (_respond(drive["volts"]) - wanted)[SETTLED:]
+    return (plant_response(drive["volts"], RATE) - wanted)[SETTLED:]
 
 
 def test_the_operator_explains_the_recording_down_to_the_sensor_noise(fit):

@@ -1,8 +1,6 @@
 """`steadytip identify turntable` and `imu`: from a bench to parameters that any run accepts."""
 
 import itertools
-import re
-import sys
 from pathlib import Path
 
 import numpy as np
@@ -11,32 +9,24 @@ import pytest
 import steadytip as st
 from fmu_src.device import design
 from fmu_src.errors import SteadytipError
-from harness.cli.main import main
 from harness.common.errors import ProblemsError
 from harness.identify.imu import fit as calibration
-from harness.identify.imu import read as rests
 from harness.identify.imu import turntable
 from harness.parts.ssv import read_ssv
+from harness.recordings.turntable import (
+    CHANNELS,
+    StaticPositions,
+    group_positions,
+    read_positions,
+)
 from harness.reproduce.experiments import tilt
 from tests.estimation.test_compensation import AXES, OUT, sensed, sensing_axis
+from tests.harness.identify.commands import write_csv
 
 pytestmark = pytest.mark.xdist_group("turntable")
 DWELL = 0.25
 """Of the benches here; the procedure has 5 s [s]."""
-HEADINGS = ["alpha [deg]", "beta [deg]", *(f"{name} [V]" for name in turntable.CHANNELS)]
-
-
-def call(monkeypatch, capsys, *arguments: str, kind="imu") -> tuple[int, str, str]:
-    """Exit code, output, errors of `steadytip identify KIND`; blanks made single."""
-    monkeypatch.setattr(sys, "argv", ["steadytip", "identify", kind, *map(str, arguments)])
-    monkeypatch.setenv("COLUMNS", "200")
-    try:
-        main()
-        code = 0
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    shown = capsys.readouterr()
-    return code, re.sub(r"\s+", " ", shown.out), re.sub(r"\s+", " ", shown.err)
+HEADINGS = ["alpha [deg]", "beta [deg]", *(f"{name} [V]" for name in CHANNELS)]
 
 
 @pytest.fixture(scope="module")
@@ -44,7 +34,7 @@ def bench(tmp_path_factory):
     """The raw unit on the turntable, for a moment at each angle: file and rows."""
     alpha, beta = turntable.grid()
     done = turntable.simulate(
-        turntable.sensors("raw_unit", "sensors"), alpha, beta, turntable.Table(), 1, dwell=DWELL
+        turntable.sensors("raw_unit", "sensors"), alpha, beta, turntable.Turntable(), 1, dwell=DWELL
     )
     rows = np.column_stack((np.degrees(done.alpha), np.degrees(done.beta), done.volts))
     path = tmp_path_factory.mktemp("bench") / "unit_7.csv"
@@ -52,8 +42,7 @@ def bench(tmp_path_factory):
 
 
 def _write(path: Path, rows: np.ndarray, headings=HEADINGS) -> Path:
-    np.savetxt(path, rows, "%.7f", ",", header=",".join(headings), comments="")
-    return path
+    return write_csv(path, rows, headings, "%.7f")
 
 
 # What calibration is worth -----------------------------------------------------------------------
@@ -84,13 +73,10 @@ def test_a_thermometer_keeps_the_tilt_right_in_a_warmer_room():
     assert rms["two rooms"] < 0.16
 
 
-def test_a_run_of_the_raw_unit_with_the_set_has_a_right_attitude(
-    bench, tmp_path, monkeypatch, capsys
-):
+def test_a_run_of_the_raw_unit_with_the_set_has_a_right_attitude(bench, tmp_path, identify):
     """The command's file in the closed loop: 5.5 deg of attitude error without it, 0.1 with."""
     out = tmp_path / "unit_7.ssv"
-    code, shown, _ = call(monkeypatch, capsys, bench[0], "--out", out)
-    assert code == 0
+    shown = identify.accepts("imu", bench[0], "--out", out)
     assert "144 rests" in shown
     assert "no temperature" in shown
     assert (tmp_path / "unit_7.html").is_file()
@@ -101,11 +87,10 @@ def test_a_run_of_the_raw_unit_with_the_set_has_a_right_attitude(
     assert np.degrees(run.metrics["attitude_error_rms"].value) < 0.25
 
 
-def test_the_linear_model_is_that_of_the_two_rests(bench, tmp_path, monkeypatch, capsys):
+def test_the_linear_model_is_that_of_the_two_rests(bench, tmp_path, identify):
     """Channel a1x: volts at alpha = 90 deg, beta = 0 and 180 deg."""
     out = tmp_path / "linear.ssv"
-    code, _, _ = call(monkeypatch, capsys, bench[0], "--linear", "--out", out, "--quiet")
-    assert code == 0
+    identify.accepts("imu", bench[0], "--linear", "--out", out, "--quiet")
     rows = bench[1]
     up, down = (
         rows[(rows[:, 0] == alpha) & (rows[:, 1] == beta), 2].mean()
@@ -148,7 +133,7 @@ def known_unit(seed: int, scatter: float, drift: bool = False):
     grid = turntable.grid(30.0)
     alpha, beta = (np.tile(angle, 2) for angle in grid) if drift else grid
     warm = np.repeat([20.0, 30.0], len(grid[0])) if drift else np.full(len(alpha), 30.0)
-    table = turntable.Table(scatter=scatter, mount=(0, 0, 0), seed=seed)
+    table = turntable.Turntable(scatter=scatter, mount=(0, 0, 0), seed=seed)
     attitudes = table.attitudes(alpha, beta)
     north = 50e-6 * np.array([np.cos(0.96), 0.0, -np.sin(0.96)])
     volts = []
@@ -168,7 +153,7 @@ def known_unit(seed: int, scatter: float, drift: bool = False):
         "magnetometer.scale": m_scale,
         "magnetometer.misalignment": m_off,
     }
-    found = turntable.Rests(alpha, beta, np.array(volts) + noise, warm, np.ones(len(alpha)))
+    found = StaticPositions(alpha, beta, np.array(volts) + noise, warm, np.ones(len(alpha)))
     return found, truth, table
 
 
@@ -243,15 +228,13 @@ def test_neighbours_of_each_channel():
 # The command -------------------------------------------------------------------------------------
 
 
-def test_the_simulated_bench_is_a_recording_for_imu(tmp_path, monkeypatch, capsys):
+def test_the_simulated_bench_is_a_recording_for_imu(tmp_path, identify):
     """Two rooms, so that drifts are found; Parquet as well as text."""
     path = tmp_path / "bench.parquet"
     arguments = ("--grid", 45, "--dwell", 0.05, "--ambient", 15, "--ambient", 30)
-    code, shown, errors = call(monkeypatch, capsys, path, *arguments, kind="turntable")
-    assert (code, errors) == (0, "")
+    shown = identify.accepts("turntable", path, *arguments)
     assert "in 128 rests" in shown
-    code, shown, errors = call(monkeypatch, capsys, path, "--out", tmp_path / "a.ssv")
-    assert (code, errors) == (0, "")
+    shown = identify.accepts("imu", path, "--out", tmp_path / "a.ssv")
     assert "accelerometer.zero_drift[6]" in shown
     assert "±" in shown
     found = read_ssv(tmp_path / "a.ssv")
@@ -260,71 +243,60 @@ def test_the_simulated_bench_is_a_recording_for_imu(tmp_path, monkeypatch, capsy
     assert drift == pytest.approx(0.006, rel=0.1)
 
 
-def _changed(rows: np.ndarray, what: str) -> np.ndarray:
-    rows = rows.copy()
-    if what == "few":
-        return rows[np.arange(len(rows)) // 5 % 8 == 0]
-    if what == "one plane":
-        return rows[rows[:, 0] == 90]
-    if what == "nan":
-        rows[17, 4] = np.nan
-    if what == "radians":
-        rows[:, :2] = np.radians(rows[:, :2])
-    if what == "millivolts":
-        rows[:, 2:] *= 1e3
-    if what == "dead":
-        rows[:, 5] = 2.5
-    if what == "no rest":
-        rows[40:45, 3] += 0.05 * np.arange(5)
-    if what == "wrong sign":
-        rows[:, 0] = -rows[:, 0] + 60
-    if what == "swapped":
-        rows[:, [2, 4]] = rows[:, [4, 2]]
-    return rows
+def _set(places, values):
+    """A change of some places of the rows, to values or to what a function makes of them."""
+
+    def change(rows: np.ndarray) -> np.ndarray:
+        rows = rows.copy()
+        rows[places] = values(rows[places]) if callable(values) else values
+        return rows
+
+    return change
 
 
 @pytest.mark.parametrize(
-    ("what", "words"),
+    ("change", "words"),
     [
-        ("few", ("18 rests", "at least 24", "turntable")),
-        ("one plane", ("alpha covers 0 deg", "--alpha")),
-        ("nan", ("a2y is nan", "line 19", "record it again")),
-        ("radians", ("radians", "--angle-unit rad")),
-        ("millivolts", ("--volts-unit V|mV|kV",)),
-        ("dead", ("a2z is 2.5 V at every angle", "not connected")),
-        ("no rest", ("a1z moves by", "line 42", "wait longer")),
-        ("wrong sign", ("do not explain channel a1x", "signs of alpha and beta")),
-        ("swapped", ("channel a1x", "goes with y", "another channel")),
+        (lambda rows: rows[np.arange(len(rows)) // 5 % 8 == 0],
+         ("18 rests", "at least 24", "turntable")),
+        (lambda rows: rows[rows[:, 0] == 90], ("alpha covers 0 deg", "--alpha")),
+        (_set(np.s_[17, 4], np.nan), ("a2y is nan", "line 19", "record it again")),
+        (_set(np.s_[:, :2], np.radians), ("radians", "--angle-unit rad")),
+        (_set(np.s_[:, 2:], lambda volts: 1e3 * volts), ("--volts-unit V|mV|kV",)),
+        (_set(np.s_[:, 5], 2.5), ("a2z is 2.5 V at every angle", "not connected")),
+        (_set(np.s_[40:45, 3], lambda volts: volts + 0.05 * np.arange(5)),
+         ("a1z moves by", "line 42", "wait longer")),
+        (_set(np.s_[:, 0], lambda alpha: 60 - alpha),
+         ("do not explain channel a1x", "signs of alpha and beta")),
+        (_set(np.s_[:, [2, 4]], lambda volts: volts[:, ::-1]),
+         ("channel a1x", "goes with y", "another channel")),
     ],
-)
+    ids=["few", "one plane", "nan", "radians", "millivolts", "dead", "no rest", "wrong sign",
+         "swapped"],
+)  # fmt: skip
 def test_what_cannot_be_calibrated_from_is_refused_with_a_cure(
-    bench, what, words, tmp_path, monkeypatch, capsys
+    bench, change, words, tmp_path, identify
 ):
-    path = _write(tmp_path / "bad.csv", _changed(bench[1], what))
-    code, _, errors = call(monkeypatch, capsys, path, "--out", tmp_path / "bad.ssv")
-    assert code == 2
+    path = _write(tmp_path / "bad.csv", change(bench[1]))
+    errors = identify.refuses("imu", path, "--out", tmp_path / "bad.ssv")
     assert "bad.csv" in errors
-    assert "Traceback" not in errors
     for word in words:
         assert word in errors
     assert not (tmp_path / "bad.ssv").exists()
 
 
-def test_units_and_columns_that_the_headings_do_not_say(bench, tmp_path, monkeypatch, capsys):
+def test_units_and_columns_that_the_headings_do_not_say(bench, tmp_path, identify):
     """Radians, millivolts, a channel of another name, no magnetometer: the same parameters."""
     rows = bench[1].copy()
     rows[:, :2] = np.radians(rows[:, :2])
     rows[:, 2:] *= 1e3
-    headings = ["tilt", "turn", "ai0", *turntable.CHANNELS[1:6]]
+    headings = ["tilt", "turn", "ai0", *CHANNELS[1:6]]
     path = _write(tmp_path / "odd.csv", rows[:, :8], headings)
     out = tmp_path / "odd.ssv"
-    code, _, errors = call(monkeypatch, capsys, path, "--out", out)
-    assert code == 2
-    assert "--channel a1x=NAME" in errors
+    assert "--channel a1x=NAME" in identify.refuses("imu", path, "--out", out)
     units = ("--angle-unit", "rad", "--volts-unit", "mV", "--channel", "a1x=ai0")
-    code, _, errors = call(monkeypatch, capsys, path, "--out", out, *units)
-    assert (code, errors) == (0, "")
-    call(monkeypatch, capsys, bench[0], "--out", tmp_path / "plain.ssv", "--quiet")
+    identify.accepts("imu", path, "--out", out, *units)
+    identify("imu", bench[0], "--out", tmp_path / "plain.ssv", "--quiet")
     odd, plain = read_ssv(out), read_ssv(tmp_path / "plain.ssv")
     assert not any(name.startswith("magnetometer") for name in odd)
     for name, entry in odd.items():
@@ -345,11 +317,9 @@ def test_units_and_columns_that_the_headings_do_not_say(bench, tmp_path, monkeyp
         ("turntable", ("out.csv", "--scenario", "nowhere"), "nowhere"),
     ],
 )
-def test_wrong_options_are_told(kind, arguments, words, tmp_path, monkeypatch, capsys):
+def test_wrong_options_are_told(kind, arguments, words, tmp_path, identify):
     path = tmp_path / arguments[0]
-    code, _, errors = call(monkeypatch, capsys, path, *arguments[1:], kind=kind)
-    assert code == 2
-    assert words in errors
+    assert words in identify.refuses(kind, path, *arguments[1:])
 
 
 def test_a_stream_with_the_ways_between_the_rests(bench):
@@ -362,11 +332,9 @@ def test_a_stream_with_the_ways_between_the_rests(bench):
         pieces += [way, after]
     stream = np.concatenate(pieces)
     stream[:, :2] += rng.uniform(-0.005, 0.005, (len(stream), 2))
-    found = rests.group(
-        *np.radians(stream[:, :2].T), stream[:, 2:], None, turntable.CHANNELS, "stream"
-    )
-    plain = rests.group(
-        *np.radians(bench[1][:, :2].T), bench[1][:, 2:], None, turntable.CHANNELS, "plain"
+    found = group_positions(*np.radians(stream[:, :2].T), stream[:, 2:], None, CHANNELS, "stream")
+    plain = group_positions(
+        *np.radians(bench[1][:, :2].T), bench[1][:, 2:], None, CHANNELS, "plain"
     )
     assert "1430 rows on the way" in found.notes[0]
     assert len(found) == len(plain) == 144
@@ -377,11 +345,11 @@ def test_a_stream_with_the_ways_between_the_rests(bench):
 def test_a_magnetometer_in_part_is_refused(bench, tmp_path):
     path = _write(tmp_path / "part.csv", bench[1][:, :10], HEADINGS[:10])
     with pytest.raises(SteadytipError, match="all three are needed"):
-        rests.read_rests(path, rests.Choice())
+        read_positions(path)
 
 
 def test_rests_that_are_too_much_alike_name_what_is_missing(bench):
-    found = rests.read_rests(bench[0], rests.Choice())
+    found = read_positions(bench[0])
     tilted = np.abs(np.degrees(found.alpha)) <= 60
     with pytest.raises(ProblemsError, match="z never points down"):
-        calibration.calibrate(found.only(tilted))
+        calibration.calibrate(found.select(tilted))

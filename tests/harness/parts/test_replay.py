@@ -141,7 +141,10 @@ BAD = {
     "too few": (good_lines()[:6], "has 5 samples; at least 6"),
     "too short": (good_lines()[:100], r"lasts 0\.39\d* s; at least 1 s"),
     "ragged": (edited(50, "1.0, 2.0, 3.0"), "line 50: 3 columns instead of 4"),
-    "text": (edited(50, "0.192, 1.0, oops, 0.0"), "line 50: 'oops' is not a number"),
+    "text": (
+        edited(50, "0.192, 1.0, oops, 0.0"),
+        r"line 50, column 3 \('y'\): 'oops' is not a number",
+    ),
     "nan": (edited(50, "0.192, 1.0, nan, 0.0"), "line 50: not finite"),
     "infinite": (edited(50, "0.192, inf, 0.0, 0.0"), "line 50: not finite"),
     "backwards": (swapped(), r"line 102: time goes from 0\.4 s to 0\.396 s; it has to rise"),

@@ -5,7 +5,8 @@ import pytest
 
 from fmu_src.errors import SteadytipError
 from harness.identify.tremor_nn.cascade import RATE, Architecture, Network, Training
-from harness.identify.tremor_nn.fit import Trial, unseen
+from harness.identify.tremor_nn.fit import unseen_motion
+from harness.identify.tremor_nn.read import StillTrial
 from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.experiments import cascade
 from harness.reproduce.experiments.cascade import Hand, protocol
@@ -47,7 +48,7 @@ def test_trials_are_the_axes_of_all_recordings_of_a_hand_on_a_point(folder):
 
 
 def test_the_trial_that_is_trained_on_is_the_middling_one():
-    trials = tuple(Trial(str(k), k * np.array([-1.0, 1.0])) for k in (1, 4, 9))
+    trials = tuple(StillTrial(str(k), k * np.array([-1.0, 1.0])) for k in (1, 4, 9))
     assert Hand("h", trials).trained.name == "4"
 
 
@@ -64,7 +65,8 @@ def test_scores_are_those_of_motions_that_no_training_sees(folder):
     how = Training(epochs=1, copies=1)
     error = hand.trained.error
     assert not np.array_equal(
-        unseen(len(error), bench.rms, how.seed, 0), unseen(len(error), bench.rms, how.seed, 1)
+        unseen_motion(len(error), bench.rms, how.seed, 0),
+        unseen_motion(len(error), bench.rms, how.seed, 1),
     )
 
 

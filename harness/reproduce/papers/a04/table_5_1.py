@@ -151,7 +151,7 @@ def _by_units(bench: Protocol) -> Plot:
 
 
 def _sample(bench: Protocol) -> Plot:
-    from harness.identify.tremor_nn.fit import over_time
+    from harness.identify.tremor_nn.page import over_time
     from harness.report.page import Plot
 
     hand = bench.hands[-1]

@@ -6,7 +6,8 @@ import pytest
 from pyarrow import parquet
 
 from fmu_src.errors import SteadytipError
-from harness.recordings.stack import Choice, check, read_response, turning_points
+from harness.recordings.stack import ROLES, check, read_response, turning_points
+from harness.recordings.tables import ColumnMapping
 from harness.reproduce.experiments.stack import respond
 
 RATE = 1000.0
@@ -41,8 +42,10 @@ def write(tmp_path, signals):
     return write
 
 
-def _read(path, **choice):
-    return read_response(path, Choice(**choice), REVERSALS)
+def _read(path, rate=None, gain=1.0, flip=False, late=0, **chosen):
+    units = {name.removesuffix("_unit"): unit for name, unit in chosen.items() if "_unit" in name}
+    columns = {role.name: chosen.get(role.name) for role in ROLES}
+    return read_response(path, REVERSALS, ColumnMapping(columns, units, rate), gain, flip, late)
 
 
 def _same(response, volts_at=1e-4, stroke_at=1e-10):
