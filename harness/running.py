@@ -11,7 +11,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
 
 import fmu_src
-from harness.common.errors import RecordError, RunError, SteadytipError, StoppedError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import RecordError, RunError, StoppedError
 from harness.common.files import reason
 from harness.loop.loop import Loop, LoopOutcome, Progress, RealTimeClock
 from harness.loop.segments import run_segments

@@ -15,7 +15,8 @@ Its samples are 1 ms apart, and n is white. The noise is that of A04's interfero
 
 from typing import Any
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, integer, real
 
 

@@ -33,7 +33,8 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.device import design
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
 from plants import sampling
 

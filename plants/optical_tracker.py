@@ -36,7 +36,8 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.device import design
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
 from fmu_src.math import rotations
 from plants import sampling

@@ -41,7 +41,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, real
 from fmu_src.math.pairwise import total
 

@@ -28,7 +28,7 @@ Nothing else is public: `harness`, `fmu_src` and `plants` may change in any rele
 from fmu_src import __version__
 from fmu_src.errors import SteadytipError
 from fmu_src.pack.build import build
-from fmu_src.pack.build import model_names as models
+from fmu_src.pack.discovery import model_names as models
 from harness.common.errors import (
     FaultError,
     PartError,
@@ -45,8 +45,8 @@ from harness.scenario.load import load
 from harness.scenario.schema import Scenario
 from harness.sweep.execution import sweep
 from harness.sweep.outcome import SweepResult as SweepResult
-from harness.validation.verdict import Validation as Validation
-from harness.validation.verdict import validate
+from harness.validation.validate import Validation as Validation
+from harness.validation.validate import validate
 from steadytip import kit
 
 __all__ = [

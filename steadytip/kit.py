@@ -4,8 +4,9 @@ See "A model is one file" in the README.
 """
 
 from fmu_src.errors import SteadytipError, range_text
-from fmu_src.kit import Model, Outputs, Parameters, Record, State
-from fmu_src.kit.records import Derived, Inputs, boolean, condition, integer, real
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
+from fmu_src.kit.records import Derived, Inputs, Record, boolean, condition, integer, real
 from fmu_src.kit.runner import Runner
 
 __all__ = [

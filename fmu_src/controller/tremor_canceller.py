@@ -71,7 +71,7 @@ from fmu_src.controller.interface import (
 )
 from fmu_src.controller.stacks import preparing
 from fmu_src.controller.tremor_filters import chosen_tremor, forecast, if_chosen, sense, tones
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.math import phasors
 from fmu_src.tremor import inertial, var_forecaster, wflc_flc
 

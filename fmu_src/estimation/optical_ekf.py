@@ -35,7 +35,8 @@ import casadi as ca
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.filters.error_space import Space
 from fmu_src.filters.error_state import Extended, chosen, deviation
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, real
 from fmu_src.math import rotations
 

@@ -45,7 +45,8 @@ from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.filters.error_space import Space, slope
 from fmu_src.filters.error_state import Filter, chosen, deviation
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, real
 from fmu_src.math import rotations
 

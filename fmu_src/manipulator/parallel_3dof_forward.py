@@ -26,7 +26,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit import Outputs, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, real
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.manipulator.parallel_3dof import Geometry

@@ -7,7 +7,7 @@ from functools import partial
 from pathlib import Path
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack import cache, compiler, fingerprint
 from fmu_src.pack.discovery import load_model, model_names
 from fmu_src.pack.fmu import archive

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.runner import Runner
 from fmu_src.pack.codegen import c_source
 from fmu_src.pack.compiler import compile_library

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import ModuleType
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 
 GROUP = "steadytip.models"
 _BUILT_IN = ("fmu_src", "plants")

@@ -8,7 +8,7 @@ import sys
 from collections.abc import Iterator
 from pathlib import Path
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack.discovery import load_model, model_names
 from fmu_src.pack.docs.variables import Row, rows, source
 

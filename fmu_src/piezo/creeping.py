@@ -25,7 +25,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit import Outputs, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, real
 from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS
 from fmu_src.piezo.prandtl_ishlinskii import NOMINAL, PLAYS, Hysteresis, remember, stops

@@ -17,7 +17,8 @@ voltage really sent.
 
 from typing import Any
 
-from fmu_src.kit import Model, Parameters, State
+from fmu_src.kit import Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived
 from fmu_src.piezo import creeping
 from fmu_src.piezo.creeping import Creeping, Memory, Pace

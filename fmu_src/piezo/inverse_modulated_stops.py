@@ -35,8 +35,9 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.functions import by_elements
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, real
 from fmu_src.math.pairwise import smallest, total
 from fmu_src.piezo import demand, modulated_stops

@@ -29,7 +29,8 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.device import design
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, condition, real
 from fmu_src.piezo.demand import Demand, ahead, horizon, seen
 from fmu_src.piezo.prandtl_ishlinskii import (

@@ -24,7 +24,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model, Outputs, Parameters
+from fmu_src.kit import Outputs, Parameters
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, real
 from fmu_src.piezo import inverse_prandtl_ishlinskii as inverse
 from fmu_src.piezo import rate_dependent

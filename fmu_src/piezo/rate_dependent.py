@@ -29,7 +29,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit import Outputs, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, condition, real
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE, invert
 from fmu_src.piezo.prandtl_ishlinskii import (

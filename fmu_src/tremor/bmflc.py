@@ -46,7 +46,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, Parameters, State
+from fmu_src.kit import Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.math import phasors
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In, Out

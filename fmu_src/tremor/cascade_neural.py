@@ -44,7 +44,8 @@ from typing import Any, NamedTuple
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, integer, real
 
 SAMPLE_PERIOD = 4e-3

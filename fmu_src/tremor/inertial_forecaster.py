@@ -20,7 +20,8 @@ that what it learns the spectrum of is an acceleration.
 from functools import partial
 from typing import Any
 
-from fmu_src.kit import Model, State
+from fmu_src.kit import State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived
 from fmu_src.math import rotations
 from fmu_src.tremor import inertial, var_forecaster

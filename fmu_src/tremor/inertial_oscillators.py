@@ -19,7 +19,8 @@ from acceleration to displacement is a number.
 from functools import partial
 from typing import Any
 
-from fmu_src.kit import Model, Parameters, State
+from fmu_src.kit import Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived
 from fmu_src.math import rotations
 from fmu_src.tremor import inertial, oscillators

@@ -51,7 +51,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, State
+from fmu_src.kit import State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.math import phasors
 from fmu_src.tremor.intent_and_tones import IntentAndTones

@@ -55,8 +55,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, Outputs, State
+from fmu_src.kit import Outputs, State
 from fmu_src.kit.functions import by_elements
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.math import phasors, zero_phase
 from fmu_src.math.pairwise import total

@@ -32,7 +32,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, real
 from fmu_src.tremor import flc
 

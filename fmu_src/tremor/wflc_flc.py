@@ -39,7 +39,8 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Model, Parameters, State
+from fmu_src.kit import Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import boolean, real
 from fmu_src.math.elliptic import EllipticState, band_pass
 from fmu_src.tremor import flc, ports, wflc

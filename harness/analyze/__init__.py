@@ -3,7 +3,7 @@
     from harness.analyze.analysis import analyze
     analyze("closed_loop", wanted=0.5).budget.spare        # [s]
 
-`operating` runs the loop with a hand that moves by multisines, `alone` drives each FMU alone,
-`linear` joins their responses, `stages` and `budget` read them. Modules are imported when they are
-used: python-control takes a second.
+`operating_point` runs the loop with a hand that moves by multisines. `part_response` drives each
+FMU alone. `linear` joins the responses. `phase_budget` and `delay_budget` evaluate them. Modules
+are imported when they are used: python-control takes a second.
 """

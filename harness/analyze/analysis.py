@@ -12,10 +12,11 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from harness.analyze.multisine import ComplexArray
-from harness.analyze.operating_point import Operation, Progress, duration, operate
-from harness.analyze.part_response import Block, block_of
-from harness.common.errors import ProblemsError, SteadytipError
+from harness.analyze.operating_point import OperatingPoint, Progress, duration, find_operating_point
+from harness.analyze.part_response import PartResponse, measure_part
+from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.parts.protocols import Part
 from harness.results.metrics import TREMOR_BAND
@@ -25,7 +26,7 @@ from harness.system.assembly import System, assemble, part_moved_by_recording
 
 if TYPE_CHECKING:
     from harness.analyze.delay_budget import DelayBudget, Margins
-    from harness.analyze.linear import Assembly, Loop
+    from harness.analyze.linear import CutLoop, OpenedLoop
     from harness.analyze.phase_budget import Stage
 
 __all__ = ["DOUBTFUL", "INCOHERENT", "Analysis", "analyze"]
@@ -48,10 +49,10 @@ class Analysis:
         scenario: what was analysed.
         motion: recording that the size of the tremor is from; None: the scenario's own hand.
         tremor: rms of the hand's motion in the tremor's band, all axes together [m].
-        whole: (f, tip, axes) motion of the tip by motion of the hand, measured on the whole loop.
+        measured: (f, tip, axes) motion of the tip by motion of the hand, of the whole loop.
         scatter: (f,) standard error of that, rms of a column.
         coherence: (f,) of the correction with the motion, over the realisations.
-        product: (f, tip, axes) the same as `whole` from the parts and wires.
+        from_parts: (f, tip, axes) the same as `measured` from the parts and wires.
         held_out: (f,) difference between parts and whole, rms of a column; where a part was fitted
             to the loop, this was done on one realisation, and the whole is that of another one.
         misfit: for each part, (f,) how far alone it differs from itself in the loop, by its effect.
@@ -66,14 +67,14 @@ class Analysis:
     scenario: Scenario
     motion: Path | None
     tremor: float
-    whole: ComplexArray
+    measured: ComplexArray
     scatter: FloatArray
     coherence: FloatArray
-    product: ComplexArray
+    from_parts: ComplexArray
     held_out: FloatArray
     misfit: Mapping[str, FloatArray]
     fitted: tuple[str, ...]
-    loop: Loop
+    loop: OpenedLoop
     stages: Sequence[Stage]
     budget: DelayBudget
     margins: Margins | None
@@ -101,8 +102,8 @@ def analyze(
         wanted: tip motion that may be left in the tremor's band, of the hand's, between 0 and 1.
         motion: recording that says how large the tremor is, for the part that takes one.
         overrides: values by dotted key, put in place of the scenario's.
-        progress: told the share that is done, 0 to 1, and in a few words what is next.
-        status: told in a few words what is being done, as builds are.
+        progress: called with the share that is done, 0 to 1, and a text on what is next.
+        status: called with a text on what is being done, as builds are.
 
     Raises:
         SteadytipError: python-control is missing, `wanted` is out of range, or the scenario is not
@@ -123,12 +124,12 @@ def analyze(
     given = load(scenario, settings)
     recording = Path(motion) if motion is not None else None
     system = assemble(given, recording, status)
-    mover = _mover(system)
-    system = _checked(system, mover)
+    hand = _moved_part(system)
+    system = _checked(system, hand)
     name = os.fspath(scenario)
     with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as folder:
         workspace = Path(folder)
-        operation = operate(
+        operation = find_operating_point(
             name,
             system,
             settings,
@@ -141,10 +142,10 @@ def analyze(
         played = replace(played, roles=system.roles)
         blocks = _blocks(own, played, operation, workspace, progress)
     progress(1.0, "putting together")
-    return _conclude(played, mover, operation, blocks, wanted, recording)
+    return _conclude(played, hand, operation, blocks, wanted, recording)
 
 
-def _mover(system: System) -> str:
+def _moved_part(system: System) -> str:
     if len(system.motions) == 1:
         return next(iter(system.motions))
     try:
@@ -155,8 +156,8 @@ def _mover(system: System) -> str:
         ) from None
 
 
-def _checked(system: System, mover: str) -> System:
-    """The system with the role `drive` filled, once it is known that it can be analysed."""
+def _checked(system: System, hand: str) -> System:
+    """Check that a system can be analysed, and return it with the role `drive` filled."""
     where, roles = system.scenario.name, dict(system.roles)
     problems = [
         f"the delay budget compares the tip with and without compensation: signals.{role} is "
@@ -180,12 +181,12 @@ def _checked(system: System, mover: str) -> System:
                 'has a delay; write [signals] drive = "PART.PORT_*"'
             )
     if not problems:
-        downstream = _reached(system, mover)
+        downstream = _reached(system, hand)
         commanding = {name.rpartition(".")[0] for name in roles["drive"]}
         deaf = sorted(commanding - downstream)
         if deaf:
             problems.append(
-                f"nothing senses the hand: no wires lead from '{mover}' to {', '.join(deaf)}, "
+                f"nothing senses the hand: no wires lead from '{hand}' to {', '.join(deaf)}, "
                 f"where the command ({', '.join(roles['drive'])}) is made; add a [[wire]] from a "
                 "part that feels the motion"
             )
@@ -195,7 +196,7 @@ def _checked(system: System, mover: str) -> System:
 
 
 def _reached(system: System, start: str) -> set[str]:
-    """Parts that wires lead to from one, itself included."""
+    """Return the parts that wires lead to from one, itself included."""
     found, waiting = {start}, [start]
     while waiting:
         name = waiting.pop()
@@ -207,8 +208,12 @@ def _reached(system: System, start: str) -> set[str]:
 
 
 def _blocks(
-    scenario: Scenario, system: System, operation: Operation, workspace: Path, progress: Progress
-) -> list[Block]:
+    scenario: Scenario,
+    system: System,
+    operation: OperatingPoint,
+    workspace: Path,
+    progress: Progress,
+) -> list[PartResponse]:
     # The hand first: its label in the results is where the motion begins.
     names = [name for name in system.wiring.order if system.parts[name].inputs]
     blocks = []
@@ -217,31 +222,31 @@ def _blocks(
         def make(name: str = name) -> Part:
             return assemble(scenario, operation.recording).parts[name]
 
-        def told(share: float, number: int = number, name: str = name) -> None:
+        def report(share: float, number: int = number, name: str = name) -> None:
             done = (number + share) / len(names)
             progress(LOOP_SHARE + (1.0 - LOOP_SHARE) * done, f"{name} alone")
 
-        told(0.0)
-        blocks.append(block_of(make, system, operation, workspace, told))
+        report(0.0)
+        blocks.append(measure_part(make, system, operation, workspace, report))
     return blocks
 
 
 def _conclude(
     system: System,
-    mover: str,
-    operation: Operation,
-    blocks: Sequence[Block],
+    hand: str,
+    operation: OperatingPoint,
+    blocks: Sequence[PartResponse],
     wanted: float,
     motion: Path | None,
 ) -> Analysis:
     from harness.analyze.delay_budget import band, correction_of, delay_budget, left_of, margins
-    from harness.analyze.linear import LINEAR, attenuation, fitted, put_together
-    from harness.analyze.phase_budget import stages_of
+    from harness.analyze.linear import LINEAR, attenuation, connect_parts, fit_to_loop
+    from harness.analyze.phase_budget import phase_budget
 
     links, step = system.wiring.links, system.scenario.step
 
-    def assembled(blocks: Sequence[Block]) -> Assembly:
-        return put_together(blocks, links, system.roles, mover, step)
+    def assembled(blocks: Sequence[PartResponse]) -> CutLoop:
+        return connect_parts(blocks, links, system.roles, hand, step)
 
     mean = operation.responses.mean(axis=0)
     alone = assembled(blocks)
@@ -250,57 +255,60 @@ def _conclude(
         part: float(np.sqrt(np.mean(band(values, *TREMOR_BAND) ** 2)))
         for part, values in misfit.items()
     }
-    bent = tuple(part for part, size in inside.items() if size > LINEAR and part != mover)
+    nonlinear = tuple(part for part, size in inside.items() if size > LINEAR and part != hand)
 
-    def as_in_loop(seen: ComplexArray) -> Assembly:
+    def as_in_loop(seen: ComplexArray) -> CutLoop:
         return assembled(
-            [fitted(b, links, operation, seen, step) if b.part in bent else b for b in blocks]
+            [
+                fit_to_loop(b, links, operation, seen, step) if b.part in nonlinear else b
+                for b in blocks
+            ]
         )
 
     together = as_in_loop(mean)
     tip, moved = (operation.response(system.roles[role]) for role in ("tip", "moved"))
-    wholes = tip @ np.linalg.inv(moved)
-    whole = wholes.mean(axis=0)
-    corrections = wholes - np.eye(3)
+    realisations = tip @ np.linalg.inv(moved)
+    measured = realisations.mean(axis=0)
+    corrections = realisations - np.eye(3)
     power = np.mean(np.sum(np.abs(corrections) ** 2, axis=(2, 3)), axis=0)
     common = np.sum(np.abs(corrections.mean(axis=0)) ** 2, axis=(1, 2))
-    one, other = as_in_loop(operation.responses[0]), wholes[-1]
+    one, other = as_in_loop(operation.responses[0]), realisations[-1]
     loop = together.loop
-    product = attenuation(loop)
-    stages = stages_of(together, np.angle(correction_of(product)))
+    from_parts = attenuation(loop)
+    stages = phase_budget(together, np.angle(correction_of(from_parts)))
     return Analysis(
         scenario=system.scenario,
         motion=motion,
         tremor=float(np.sqrt(np.sum(band(operation.motion.T, *TREMOR_BAND) ** 2) / 2)),
-        whole=whole,
-        scatter=left_of(wholes.std(axis=0)) / np.sqrt(max(len(wholes) - 1, 1)),
-        coherence=_coherence(common / np.maximum(power, np.finfo(float).tiny), len(wholes)),
-        product=product,
+        measured=measured,
+        scatter=left_of(realisations.std(axis=0)) / np.sqrt(max(len(realisations) - 1, 1)),
+        coherence=_coherence(common / np.maximum(power, np.finfo(float).tiny), len(realisations)),
+        from_parts=from_parts,
         held_out=left_of(attenuation(one.loop) - other),
         misfit=misfit,
-        fitted=bent,
+        fitted=nonlinear,
         loop=loop,
         stages=stages,
         budget=delay_budget(loop, wanted),
         margins=margins(loop) if loop.feedback else None,
-        notes=tuple(_notes(blocks, bent, inside, loop, stages, mover)),
+        notes=tuple(_notes(blocks, nonlinear, inside, loop, stages, hand)),
     )
 
 
 def _coherence(raw: FloatArray, realisations: int) -> FloatArray:
-    """Coherence without the part that as few realisations share by chance; 1 where there is one."""
+    """Return coherence less what so few realisations share by chance; 1 where there is one."""
     if realisations == 1:
         return np.ones_like(raw)
     return np.asarray(np.maximum((realisations * raw - 1.0) / (realisations - 1.0), 0.0))
 
 
 def _notes(
-    blocks: Sequence[Block],
-    bent: Sequence[str],
+    blocks: Sequence[PartResponse],
+    nonlinear: Sequence[str],
     misfit: Mapping[str, float],
-    loop: Loop,
+    loop: OpenedLoop,
     stages: Sequence[Stage],
-    mover: str,
+    hand: str,
 ) -> list[str]:
     notes = [
         "feedback: what the command moves comes back into what it is made from"
@@ -308,8 +316,10 @@ def _notes(
         else "feed-forward: nothing that the command moves comes back into what it is made from; "
         "the gain of the loop, measured, is 0"
     ]
-    if bent:
-        sizes = ", ".join(f"{part} ({100 * misfit[part]:.0f} % of the motion)" for part in bent)
+    if nonlinear:
+        sizes = ", ".join(
+            f"{part} ({100 * misfit[part]:.0f} % of the motion)" for part in nonlinear
+        )
         notes.append(
             f"not linear beside the signals of the loop: {sizes}; their responses are those in the "
             "loop, and hold for motion as large and as broad as here"
@@ -327,7 +337,7 @@ def _notes(
         )
     if not stages:
         notes.append(
-            f"what each part costs cannot be told: the way from '{mover}' to the tip differs "
+            f"what each part costs cannot be told: the way from '{hand}' to the tip differs "
             "between the axes, or goes in circles beside the command"
         )
     return notes

@@ -1,4 +1,4 @@
-"""What a loop leaves of a motion, and how much later its command may come.
+"""Attenuation of a motion by a loop, and the delay that its command bears.
 
     left(f)       = |A(f)|_F / sqrt(3)                tip by hand motion along any axis, rms
     left(band)    = sqrt(mean of left^2 over BAND)    of a tremor that may be anywhere in the band
@@ -17,7 +17,7 @@ import control
 import numpy as np
 from scipy import optimize
 
-from harness.analyze.linear import Loop, attenuation, changed, responses
+from harness.analyze.linear import OpenedLoop, attenuation, modified, responses
 from harness.analyze.multisine import OMEGA, ComplexArray, within
 from harness.common.types import FloatArray
 
@@ -46,7 +46,7 @@ TOLERANCE = 1e-7
 
 @dataclass(frozen=True)
 class DelayBudget:
-    """How much later the command may come.
+    """Delay that the command bears.
 
     Attributes:
         wanted: what may be left, 0 to 1.
@@ -76,7 +76,7 @@ class DelayBudget:
 
 @dataclass(frozen=True)
 class Margins:
-    """Of a feedback loop: the worst of its characteristic loci, over the lines.
+    """Margins of a feedback loop: the worst of its characteristic loci, over the lines.
 
     Attributes:
         gain: factor by which the gain may rise; infinite where no line limits it.
@@ -92,30 +92,30 @@ class Margins:
 
 
 def band(values: FloatArray, low: float = BAND[0], high: float = BAND[1]) -> FloatArray:
-    """Values at the lines from `low` to `high` [Hz], (f, ...) to (lines, ...)."""
+    """Return values at the lines from `low` to `high` [Hz], (f, ...) to (lines, ...)."""
     return values[within(low, high)]
 
 
 def left_of(response: ComplexArray) -> FloatArray:
-    """(f,) what is left of a motion along any axis; A is (f, tip, axes)."""
+    """Return what is left of a motion along any axis, (f,); A is (f, tip, axes)."""
     return np.asarray(np.linalg.norm(response, axis=(1, 2)) / math.sqrt(response.shape[2]))
 
 
 def correction_of(response: ComplexArray) -> ComplexArray:
-    """(f,) what is taken away of a motion, summed over the axes; A is (f, 3, 3)."""
+    """Return what is taken away of a motion, summed over the axes, (f,); A is (f, 3, 3)."""
     return np.asarray(np.trace(np.eye(3) - response, axis1=1, axis2=2))
 
 
-def _in_band(loop: Loop) -> float:
+def _in_band(loop: OpenedLoop) -> float:
     return float(np.sqrt(np.mean(band(left_of(attenuation(loop))) ** 2)))
 
 
-def _worst(loop: Loop) -> float:
+def _worst(loop: OpenedLoop) -> float:
     return float(band(left_of(attenuation(loop))).max())
 
 
-def delay_budget(loop: Loop, wanted: float) -> DelayBudget:
-    """See `DelayBudget`.
+def delay_budget(loop: OpenedLoop, wanted: float) -> DelayBudget:
+    """Compute the delay budget of a loop; see `DelayBudget`.
 
     Args:
         loop: measured.
@@ -124,10 +124,10 @@ def delay_budget(loop: Loop, wanted: float) -> DelayBudget:
     margin = margins(loop).delay if loop.feedback else math.inf
     delays = np.arange(0.0, min(LONGEST, margin) + STEP / 2, STEP)
     tried = np.arange(EARLIEST, min(LONGEST, margin) + STEP / 2, STEP)
-    at = [_in_band(changed(loop, delay)) for delay in tried]
+    at = [_in_band(modified(loop, delay)) for delay in tried]
     least = int(np.argmin(at))
     best = optimize.minimize_scalar(
-        lambda delay: _in_band(changed(loop, delay)),
+        lambda delay: _in_band(modified(loop, delay)),
         bounds=(tried[max(least - 1, 0)], tried[min(least + 1, len(tried) - 1)]),
         method="bounded",
         options={"xatol": TOLERANCE},
@@ -141,33 +141,36 @@ def delay_budget(loop: Loop, wanted: float) -> DelayBudget:
         spare_everywhere=_spare(_worst, loop, wanted, delays),
         best=float(best.x),
         best_left=float(best.fun),
-        per_delay=(_in_band(changed(loop, small)) - _in_band(changed(loop, -small))) / (2 * small),
-        per_gain=(_in_band(changed(loop, gain=1 + share)) - _in_band(changed(loop, gain=1 - share)))
+        per_delay=(_in_band(modified(loop, small)) - _in_band(modified(loop, -small)))
+        / (2 * small),
+        per_gain=(
+            _in_band(modified(loop, gain=1 + share)) - _in_band(modified(loop, gain=1 - share))
+        )
         / (2 * share),
         margin=margin,
     )
 
 
 def _spare(
-    left: Callable[[Loop], float], loop: Loop, wanted: float, delays: FloatArray
+    left: Callable[[OpenedLoop], float], loop: OpenedLoop, wanted: float, delays: FloatArray
 ) -> float | None:
-    """First delay at which more than wanted is left."""
+    """Return the first delay at which more than wanted is left."""
     before = 0.0
     for delay in delays:
-        if left(changed(loop, delay)) > wanted:
+        if left(modified(loop, delay)) > wanted:
             if delay == 0.0:
                 return None
             return float(
                 optimize.brentq(
-                    lambda d: left(changed(loop, d)) - wanted, before, delay, xtol=TOLERANCE
+                    lambda d: left(modified(loop, d)) - wanted, before, delay, xtol=TOLERANCE
                 )
             )
         before = delay
     return math.inf
 
 
-def margins(loop: Loop) -> Margins:
-    """Stability margins of the loop's characteristic loci; see `Margins`."""
+def margins(loop: OpenedLoop) -> Margins:
+    """Return stability margins of the loop's characteristic loci; see `Margins`."""
     returned = responses(loop.returned)
     loci = _followed(np.linalg.eigvals(returned).astype(complex)).T
     gain = phase = delay = math.inf
@@ -186,7 +189,7 @@ def margins(loop: Loop) -> Margins:
 
 
 def _followed(values: ComplexArray) -> ComplexArray:
-    """Eigenvalues (f, n) in the order that lets each follow its own at the line before."""
+    """Sort eigenvalues (f, n) so that each follows its own at the line before."""
     followed = values.copy()
     for k in range(1, len(values)):
         apart = np.abs(followed[k - 1][:, None] - values[k][None, :])

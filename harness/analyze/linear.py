@@ -37,30 +37,30 @@ import control
 import numpy as np
 
 from harness.analyze.multisine import OMEGA, ComplexArray
-from harness.analyze.operating_point import Operation
-from harness.analyze.part_response import TINY, Block
+from harness.analyze.operating_point import OperatingPoint
+from harness.analyze.part_response import TINY, PartResponse
 from harness.common.types import FloatArray
 from harness.system.wire import Link
 
 __all__ = [
-    "Assembly",
-    "Loop",
+    "CutLoop",
+    "OpenedLoop",
     "attenuation",
-    "changed",
-    "fitted",
+    "connect_parts",
+    "fit_to_loop",
     "frd",
-    "put_together",
+    "modified",
     "responses",
 ]
 
 NOTHING = 1e-9
 """Loop gain that is rounding."""
 LINEAR = 0.05
-"""Largest misfit in the tremor's band of a part that passes for linear; see `Assembly.misfit`."""
+"""Largest misfit in the tremor's band of a part that passes for linear; see `CutLoop.misfit`."""
 
 
 @dataclass(frozen=True)
-class Loop:
+class OpenedLoop:
     """A loop opened at its command, as frequency responses over the lines.
 
     Attributes:
@@ -79,7 +79,7 @@ class Loop:
 
     @property
     def feedback(self) -> bool:
-        """Whether the command comes back into what it is made from."""
+        """True if the command comes back into what it is made from."""
         return bool(np.abs(responses(self.returned)).max() > NOTHING)
 
     @cached_property
@@ -89,7 +89,7 @@ class Loop:
 
 
 @dataclass(frozen=True)
-class Assembly:
+class CutLoop:
     """All signals of the loop, with the wires of the command cut.
 
     Attributes:
@@ -133,7 +133,7 @@ class Assembly:
         return self.open @ self.motion
 
     def _carried(self, which: np.ndarray) -> ComplexArray:
-        """H E of some links, (f, n, n)."""
+        """Return H E of some links, (f, n, n)."""
         n = len(self.outputs)
         carried = np.zeros((len(OMEGA), n, n), dtype=complex)
         for link in np.flatnonzero(which):
@@ -142,12 +142,12 @@ class Assembly:
 
     @cached_property
     def effect(self) -> ComplexArray:
-        """What a change of each output does to the tip, the loop open, (f, tip, n)."""
+        """Effect of a change of each output on the tip, the loop open, (f, tip, n)."""
         tip, commands = list(self.tip), list(self.commands)
         return self.open[:, tip] + self.forced[:, tip] @ self.open[:, commands]
 
     def misfit(self, responses: ComplexArray) -> dict[str, FloatArray]:
-        """How well the response of each part alone is that of the same part in the loop.
+        """Measure how well each part alone does what it does in the loop.
 
         Args:
             responses: of all outputs to the hand, in the loop, (f, n, axes).
@@ -168,10 +168,10 @@ class Assembly:
         return found
 
     @cached_property
-    def loop(self) -> Loop:
-        """The loop by what it does with motion and commands."""
+    def loop(self) -> OpenedLoop:
+        """Loop, described by what it does with motion and commands."""
         tip, commands = list(self.tip), list(self.commands)
-        return Loop(
+        return OpenedLoop(
             direct=frd(self.moving[:, tip]),
             sensed=frd(self.moving[:, commands]),
             acting=frd(self.forced[:, tip]),
@@ -181,29 +181,29 @@ class Assembly:
 
 
 def frd(response: ComplexArray) -> control.FrequencyResponseData:
-    """A response (f, out, in) over the lines as an object of python-control."""
+    """Return a response (f, out, in) over the lines as an object of python-control."""
     return control.FrequencyResponseData(np.moveaxis(response, 0, 2), OMEGA)
 
 
 def responses(system: control.FrequencyResponseData) -> ComplexArray:
-    """A response as (f, out, in)."""
+    """Return a response as (f, out, in)."""
     return np.moveaxis(system.frdata, 2, 0)
 
 
-def put_together(
-    blocks: Iterable[Block],
+def connect_parts(
+    blocks: Iterable[PartResponse],
     links: Sequence[Link],
     roles: Mapping[str, Sequence[str]],
-    mover: str,
+    hand: str,
     step: float,
-) -> Assembly:
+) -> CutLoop:
     """Join the responses of the parts over the wires.
 
     Args:
-        blocks: of all parts with driven inputs.
+        blocks: of all parts with connected inputs.
         links: of the loop.
         roles: `moved`, `tip`, `drive`, each with `part.port`.
-        mover: part that is the hand.
+        hand: part that is the hand.
         step: sample period [s].
     """
     blocks = list(blocks)
@@ -219,14 +219,14 @@ def put_together(
 
     def column(label: str) -> ComplexArray:
         block, i = columns[label]
-        whole = np.zeros((len(OMEGA), len(outputs)), dtype=complex)
+        column_of_all = np.zeros((len(OMEGA), len(outputs)), dtype=complex)
         first = place[block.outputs[0]]
-        whole[:, first : first + len(block.outputs)] = block.response[:, :, i]
-        return whole
+        column_of_all[:, first : first + len(block.outputs)] = block.response[:, :, i]
+        return column_of_all
 
     sources = [f"{link.source_part}.{link.source}" for link in kept]
     commands = tuple(dict.fromkeys(place[n] for n in roles["drive"] if n in place))
-    return Assembly(
+    return CutLoop(
         outputs=outputs,
         links=tuple(kept),
         commands=commands,
@@ -236,7 +236,7 @@ def put_together(
         delays=_stacked([np.exp(-1j * OMEGA * link.delay * step) for link in kept]),
         cut=np.array([place[name] in commands for name in sources], dtype=bool),
         source=np.array([place[name] for name in sources], dtype=np.intp),
-        motion=_stacked([column(f"{mover}.{axis}") for axis in "xyz"]),
+        motion=_stacked([column(f"{hand}.{axis}") for axis in "xyz"]),
     )
 
 
@@ -244,10 +244,14 @@ def _stacked(columns: Sequence[ComplexArray]) -> ComplexArray:
     return np.stack(columns, axis=-1)
 
 
-def fitted(
-    block: Block, links: Sequence[Link], operation: Operation, seen: ComplexArray, step: float
-) -> Block:
-    """The block with the least change that makes it do what the part does in the loop.
+def fit_to_loop(
+    block: PartResponse,
+    links: Sequence[Link],
+    operation: OperatingPoint,
+    seen: ComplexArray,
+    step: float,
+) -> PartResponse:
+    """Return the response with the least change that makes it agree with the loop.
 
     Args:
         block: measured alone.
@@ -268,8 +272,8 @@ def fitted(
     return replace(block, response=block.response + missing @ inverse / sizes[:, None, :])
 
 
-def changed(loop: Loop, delay: float = 0.0, gain: float = 1.0) -> Loop:
-    """The loop with its command later or larger.
+def modified(loop: OpenedLoop, delay: float = 0.0, gain: float = 1.0) -> OpenedLoop:
+    """Return the loop with its command later or larger.
 
     Args:
         loop: as it is.
@@ -278,11 +282,13 @@ def changed(loop: Loop, delay: float = 0.0, gain: float = 1.0) -> Loop:
     """
     factor = gain * np.exp(-1j * OMEGA * delay)
     made = frd(factor[:, None, None] * np.eye(loop.acting.ninputs))
-    return Loop(loop.direct, loop.sensed, loop.acting * made, loop.returned * made, loop.moved)
+    return OpenedLoop(
+        loop.direct, loop.sensed, loop.acting * made, loop.returned * made, loop.moved
+    )
 
 
-def attenuation(loop: Loop) -> ComplexArray:
-    """A, (f, tip, axes): motion of the tip by motion of the tip without compensation."""
+def attenuation(loop: OpenedLoop) -> ComplexArray:
+    """Return A, (f, tip, axes): motion of the tip by its motion without compensation."""
     # FRD.feedback takes its sign from the argument only: (1 - L)^-1 = 1 / (1 + 1 (-L)).
     one = frd(np.broadcast_to(np.eye(loop.returned.ninputs), responses(loop.returned).shape))
     tip = loop.direct + loop.acting * one.feedback(-loop.returned) * loop.sensed

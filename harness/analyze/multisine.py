@@ -53,19 +53,19 @@ FADE = 1.0
 
 
 def within(low: float, high: float) -> NDArray[np.bool_]:
-    """(f,) which lines lie from `low` to `high` [Hz]."""
+    """Return which lines lie from `low` to `high` [Hz], (f,)."""
     edges = (low - SPACING / 4, high + SPACING / 4)
     return np.asarray(np.digitize(FREQUENCIES, edges) == 1)
 
 
 def random_phases(seed: int, *stream: int) -> FloatArray:
-    """Phases of the lines, (f,) [rad]; the same for the same numbers."""
+    """Return phases of the lines, (f,) [rad]; equal numbers give equal phases."""
     generator = np.random.default_rng([seed, *stream])
     return generator.uniform(0.0, 2 * np.pi, len(FREQUENCIES))
 
 
 def multisine(time: FloatArray, start: float, lines: ComplexArray) -> FloatArray:
-    """A probe that comes in at `start`.
+    """Return a probe that comes in at `start`.
 
     Args:
         time: (n,) [s].
@@ -81,7 +81,7 @@ def multisine(time: FloatArray, start: float, lines: ComplexArray) -> FloatArray
 
 
 def lines_of(time: FloatArray, values: FloatArray) -> ComplexArray:
-    """Lines of signals over the last WINDOW.
+    """Return lines of signals over the last WINDOW.
 
     Args:
         time: (n,) [s], equidistant.

@@ -22,6 +22,7 @@ from typing import Any
 import numpy as np
 from scipy import signal
 
+from fmu_src.errors import SteadytipError
 from harness.analyze.multisine import (
     FREQUENCIES,
     SPACING,
@@ -32,7 +33,7 @@ from harness.analyze.multisine import (
     random_phases,
     within,
 )
-from harness.common.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.run_record import values_of
 from harness.results.metrics import TREMOR_BAND
@@ -40,7 +41,7 @@ from harness.running import run
 from harness.scenario.schema import Scenario
 from harness.system.assembly import System
 
-__all__ = ["AXES", "REALISATIONS", "Operation", "duration", "operate"]
+__all__ = ["AXES", "REALISATIONS", "OperatingPoint", "duration", "find_operating_point"]
 
 AXES = "xyz"
 REALISATIONS = 2
@@ -60,7 +61,7 @@ Progress = Callable[[float, str], None]
 
 
 @dataclass(frozen=True)
-class Operation:
+class OperatingPoint:
     """Signals of the loop, and their responses to motion of the hand.
 
     Attributes:
@@ -84,27 +85,27 @@ class Operation:
     recording: Path
 
     def signal(self, name: str) -> FloatArray:
-        """(n,) one signal of the first experiment."""
+        """Return one signal of the first experiment, (n,)."""
         return self.signals[:, self.names.index(name)]
 
     def response(self, names: Sequence[str]) -> ComplexArray:
-        """(realisations, f, len(names), axes) of some signals to motion of the hand, per metre."""
+        """Return responses to the hand, (realisations, f, len(names), axes), per metre."""
         return self.responses[:, :, [self.names.index(name) for name in names]]
 
 
 def duration(scenario: Scenario) -> float:
-    """Simulated time of a run [s]."""
+    """Return simulated time of a run [s]."""
     return scenario.settle + LEARNING + WINDOW
 
 
-def operate(
+def find_operating_point(
     scenario: str,
     system: System,
     overrides: Mapping[str, Any],
     motion: Path | None,
     folder: Path,
     progress: Progress,
-) -> Operation:
+) -> OperatingPoint:
     """Run the loop, as it is and with experiments.
 
     Args:
@@ -133,7 +134,7 @@ def operate(
             overrides={**overrides, "seconds": seconds},
             out=folder / "run",
             report=False,
-            progress=lambda done, whole: progress((number + done / whole) / RUNS, name),
+            progress=lambda done, total: progress((number + done / total) / RUNS, name),
         )
         names = tuple(result.table.column_names[1:])
         columns = [values_of(result.table.column(name)).astype(float) for name in names]
@@ -152,8 +153,8 @@ def operate(
     moved = signals[:, [names.index(name) for name in system.roles["moved"]]]
     amplitudes = _amplitudes(moved[round(system.scenario.settle / step) :], step)
     # One sample more: n samples of a recording last n - 1 periods.
-    whole: FloatArray = np.arange(len(signals) + 1, dtype=float) * step
-    time, kept = whole[:-1], np.empty((0, 0))
+    total: FloatArray = np.arange(len(signals) + 1, dtype=float) * step
+    time, kept = total[:-1], np.empty((0, 0))
     shape = (REALISATIONS, len(AXES), len(FREQUENCIES))
     phases = np.stack(
         [
@@ -166,12 +167,12 @@ def operate(
     for m, j in np.ndindex(shape[:2]):
         turns = 2 * np.pi * np.arange(len(AXES)) * j / len(AXES)
         lines = amplitudes * np.exp(1j * (phases[m] + turns[:, None]))
-        position = np.column_stack([multisine(whole, 0.0, line) for line in lines])
+        position = np.column_stack([multisine(total, 0.0, line) for line in lines])
         lots = []
         for sign in (1, -1):
             name = f"experiment {j + 1} of {len(AXES)}, phases {m + 1}, {'+-'[sign < 0]}"
             played = folder / f"{m}{j}{sign}.parquet"
-            _write(played, whole, sign * position)
+            _write(played, total, sign * position)
             names, lot = once(f"the loop, {name}", played)
             lots.append(lot)
         if not kept.size:
@@ -182,7 +183,7 @@ def operate(
     progress(1.0, "the loop")
     # By line: (signals, experiments) times the inverse of (axes, experiments).
     found = np.moveaxis(answers, 1, -1) @ np.linalg.inv(np.moveaxis(moves, 1, -1))
-    return Operation(
+    return OperatingPoint(
         names=names,
         time=time,
         settled=system.scenario.settle,
@@ -195,7 +196,7 @@ def operate(
 
 
 def _amplitudes(moved: FloatArray, step: float) -> FloatArray:
-    """Amplitudes of the lines for tremor as large as that of a motion (n, axes), (axes, f) [m]."""
+    """Return amplitudes (axes, f) [m] of lines with as much tremor as a motion (n, axes) [m]."""
     low, high = TREMOR_BAND
     frequency, power = signal.welch(
         moved, 1 / step, nperseg=round(1 / (SPACING * step)), detrend="linear", axis=0
@@ -210,7 +211,7 @@ def _amplitudes(moved: FloatArray, step: float) -> FloatArray:
 
 
 def _write(path: Path, time: FloatArray, position: FloatArray) -> None:
-    """A recording; see `harness.recordings.motion`."""
+    """Write a recording; see `harness.recordings.motion`."""
     import pyarrow as pa
     from pyarrow import parquet
 

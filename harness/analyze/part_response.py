@@ -23,6 +23,7 @@ from typing import Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from harness.analyze.multisine import (
     OMEGA,
     TRANSIENT,
@@ -32,14 +33,14 @@ from harness.analyze.multisine import (
     multisine,
     random_phases,
 )
-from harness.analyze.operating_point import AXES, Operation
-from harness.common.errors import FaultError, SteadytipError
+from harness.analyze.operating_point import AXES, OperatingPoint
+from harness.common.errors import FaultError
 from harness.common.types import FloatArray
 from harness.parts.protocols import Part, Restorable, RunContext
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.system.assembly import System
 
-__all__ = ["TINY", "Block", "Direction", "block_of"]
+__all__ = ["TINY", "Direction", "PartResponse", "measure_part"]
 
 TINY = 1e-30
 """In place of zero where one divides."""
@@ -51,7 +52,7 @@ SMALL = 0.1
 
 @dataclass(frozen=True)
 class Direction:
-    """How one probe moves the inputs of a part.
+    """Motion of a part's inputs by one probe.
 
     Attributes:
         label: `part.port` of the input, or the axis of a hand's motion.
@@ -65,7 +66,7 @@ class Direction:
 
 
 @dataclass(frozen=True)
-class Block:
+class PartResponse:
     """Frequency response of one part about its operating signals.
 
     Attributes:
@@ -87,21 +88,21 @@ class Block:
 
 
 @dataclass(frozen=True)
-class _Feed:
-    """What a part is fed: names of the driven inputs, whether preset, values (n, driven)."""
+class _PartInputs:
+    """Inputs of a part: names of the connected ones, whether initialised, values (n, connected)."""
 
     connected: list[str]
     initialised: list[bool]
     values: FloatArray
 
 
-def block_of(
+def measure_part(
     make: Callable[[], Part],
     system: System,
-    operation: Operation,
+    operation: OperatingPoint,
     workspace: Path,
     progress: Callable[[float], None],
-) -> Block:
+) -> PartResponse:
     """Measure one part.
 
     Args:
@@ -109,7 +110,7 @@ def block_of(
         system: the loop that it is part of, the hand moved by a recording.
         operation: signals of the loop.
         workspace: folder for unpacked FMUs.
-        progress: told the share that is done.
+        progress: called with the share that is done.
 
     Raises:
         SteadytipError: the part does not take a probe.
@@ -136,10 +137,10 @@ def block_of(
             response[:, :, number] = lines_of(time, play(values) - base) / probe[:, None]
             progress((number + 1) / len(directions))
     labels = tuple(direction.label for direction in directions)
-    return Block(part.name, labels, outputs, response, restored, departure)
+    return PartResponse(part.name, labels, outputs, response, restored, departure)
 
 
-def _feed(part: Part, system: System, operation: Operation) -> _Feed:
+def _feed(part: Part, system: System, operation: OperatingPoint) -> _PartInputs:
     links = {link.target: link for link in system.wiring.links if link.target_part == part.name}
     into = [links[port.name] for port in part.inputs if port.name in links]
     values = np.empty((len(operation.time), len(into)))
@@ -149,13 +150,13 @@ def _feed(part: Part, system: System, operation: Operation) -> _Feed:
         values[:, column] = np.concatenate(
             [np.full(link.delay, given[0]), given[: len(given) - link.delay]]
         )
-    return _Feed([link.target for link in into], [link.delay == 0 for link in into], values)
+    return _PartInputs([link.target for link in into], [link.delay == 0 for link in into], values)
 
 
 def _directions(
-    part: Part, system: System, operation: Operation, feed: _Feed
+    part: Part, system: System, operation: OperatingPoint, feed: _PartInputs
 ) -> Iterator[Direction]:
-    """Inputs that answer when the hand moves; for the hand, the axes of its motion."""
+    """Yield the inputs that respond to the hand; for the hand, the axes of its motion."""
     if part.name in system.motions:
         for i, axis in enumerate(AXES):
             names = [port.name for port in MOTION_PORTS[i::3] if port.type == "Real"]
@@ -181,21 +182,21 @@ def _directions(
             )
 
 
-_Play = Callable[[FloatArray], FloatArray]
-"""Inputs from the start of a probe on, (n, driven), to outputs, (n, outputs)."""
+_PlayPart = Callable[[FloatArray], FloatArray]
+"""Inputs from the start of a probe on, (n, connected), to outputs, (n, outputs)."""
 
 
 @contextmanager
 def _player(
     part: Part,
     make: Callable[[], Part],
-    feed: _Feed,
+    feed: _PartInputs,
     first: int,
     system: System,
-    operation: Operation,
+    operation: OperatingPoint,
     workspace: Path,
-) -> Iterator[tuple[_Play, bool]]:
-    """A function that plays the part from the start of a probe, each time from the same state."""
+) -> Iterator[tuple[_PlayPart, bool]]:
+    """Provide a function that plays the part from the start of a probe, always from one state."""
     step = system.scenario.step
     count = len(operation.time)
     run = RunContext(step, count, workspace)

@@ -1,4 +1,4 @@
-"""What each part and wire costs in phase on the way from the hand to the correction of the tip.
+"""Phase cost of each part and wire on the way from the hand to the correction of the tip.
 
 Signals on the way are vectors in several units: forces at three sites, voltages, strokes. At each
 place where the way can be cut, signal p contributes c_p = g_p a_p to the correction, g_p what a
@@ -23,13 +23,13 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.analyze.linear import Assembly, responses
+from harness.analyze.linear import CutLoop, responses
 from harness.analyze.multisine import OMEGA, ComplexArray, within
 from harness.analyze.operating_point import AXES
 from harness.common.types import FloatArray
 from harness.results.metrics import TREMOR_BAND
 
-__all__ = ["Stage", "stages_of"]
+__all__ = ["Stage", "phase_budget"]
 
 HALF_TURN = np.pi
 NOTHING = 1e-9
@@ -52,7 +52,7 @@ class Stage:
 
     @property
     def wire(self) -> bool:
-        """Whether it is wires."""
+        """True for wires."""
         return bool(self.samples)
 
     @property
@@ -74,7 +74,7 @@ _Cost = tuple[tuple[str, ...], str, FloatArray]
 
 
 @dataclass(frozen=True)
-class _Way:
+class _Path:
     """Half of the way: from the hand to the command, or from the command to the tip.
 
     Attributes:
@@ -90,8 +90,8 @@ class _Way:
     begins: tuple[int, ...]
 
 
-def stages_of(assembly: Assembly, correction: FloatArray) -> list[Stage]:
-    """Stages in their order; none where the way goes in circles beside the loop of the command.
+def phase_budget(assembly: CutLoop, correction: FloatArray) -> list[Stage]:
+    """Return the stages in order; none if the way has circles beside the command's loop.
 
     Args:
         assembly: parts and wires.
@@ -114,19 +114,19 @@ def stages_of(assembly: Assembly, correction: FloatArray) -> list[Stage]:
     ]
 
 
-def _along(assembly: Assembly, axis: int) -> list[_Cost]:
-    """Parts, delay of wires, and phase of each stage for motion along one axis."""
+def _along(assembly: CutLoop, axis: int) -> list[_Cost]:
+    """Return parts, delay of wires, and phase of each stage for motion along one axis."""
     loop, commands = assembly.loop, list(assembly.commands)
     tip = assembly.tip[axis]
     acting = responses(loop.acting)[:, axis]
     command = responses(loop.sensed)[:, :, axis]
-    there = _Way(
+    there = _Path(
         signals=assembly.moving[:, :, axis],
         effects=np.einsum("fu,fun->fn", acting, assembly.open[:, commands]),
         ends=assembly.commands,
         begins=(),
     )
-    back = _Way(
+    back = _Path(
         signals=np.einsum("fnu,fu->fn", assembly.forced, command),
         effects=assembly.open[:, tip],
         ends=(tip,),
@@ -135,15 +135,15 @@ def _along(assembly: Assembly, axis: int) -> list[_Cost]:
     given = np.zeros((len(OMEGA), len(assembly.outputs)), dtype=complex)
     given[:, commands] = command
     try:
-        first, phase = _walk(assembly, there, given, np.zeros(len(OMEGA)))
-        second, _ = _walk(assembly, back, given, phase)
+        first, phase = _stages_along(assembly, there, given, np.zeros(len(OMEGA)))
+        second, _ = _stages_along(assembly, back, given, phase)
     except graphlib.CycleError:
         return []
     return first + second
 
 
-def _walk(
-    assembly: Assembly, way: _Way, given: ComplexArray, phase: FloatArray
+def _stages_along(
+    assembly: CutLoop, way: _Path, given: ComplexArray, phase: FloatArray
 ) -> tuple[list[_Cost], FloatArray]:
     levels = _levels(assembly, way)
     found: list[_Cost] = []
@@ -169,8 +169,8 @@ def _walk(
     return found, phase
 
 
-def _wires(assembly: Assembly, links: Sequence[int], phase: FloatArray) -> list[_Cost]:
-    """The wires as a stage, if they delay anything."""
+def _wires(assembly: CutLoop, links: Sequence[int], phase: FloatArray) -> list[_Cost]:
+    """Return the wires as a stage, if they delay anything."""
     if not np.abs(np.exp(2j * phase) - 1).max() > 1e-12:
         return []
     late = [assembly.links[link] for link in links if assembly.links[link].delay]
@@ -178,8 +178,8 @@ def _wires(assembly: Assembly, links: Sequence[int], phase: FloatArray) -> list[
     return [(tuple(sorted({link.target_part for link in late})), samples, phase)]
 
 
-def _levels(assembly: Assembly, way: _Way) -> dict[int, int]:
-    """Outputs on the way, by the number of others that come before."""
+def _levels(assembly: CutLoop, way: _Path) -> dict[int, int]:
+    """Return the outputs on the way, by the number of others that come before."""
     contribution = np.abs(way.signals * way.effects).max(axis=0)
     on_way = {int(n) for n in np.flatnonzero(contribution > NOTHING * contribution.max())}
     before: dict[int, set[int]] = {n: set() for n in on_way}
@@ -196,9 +196,9 @@ def _levels(assembly: Assembly, way: _Way) -> dict[int, int]:
 
 
 def _cut(
-    assembly: Assembly, way: _Way, levels: dict[int, int], level: int, given: ComplexArray
+    assembly: CutLoop, way: _Path, levels: dict[int, int], level: int, given: ComplexArray
 ) -> tuple[FloatArray, FloatArray]:
-    """Phases before and after the wires that lead on from a level, each (f,)."""
+    """Return phases before and after the wires that lead on from a level, each (f,)."""
     later = [n for n in levels if levels[n] > level]
     before: list[ComplexArray] = []
     after: list[ComplexArray] = []
@@ -225,7 +225,7 @@ def _cut(
 
 
 def _common(signals: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> FloatArray:
-    """Common phase of signals up to a half turn, (f,) [rad]."""
+    """Return common phase of signals up to a half turn, (f,) [rad]."""
     doubled = sum(
         weight * np.exp(2j * np.angle(signal))
         for signal, weight in zip(signals, weights, strict=True)
@@ -234,12 +234,12 @@ def _common(signals: Sequence[ComplexArray], weights: Sequence[FloatArray]) -> F
 
 
 def _mean(phases: Sequence[FloatArray]) -> FloatArray:
-    """Mean of phases that are known up to a half turn, (f,)."""
+    """Return mean of phases that are known up to a half turn, (f,)."""
     return np.asarray(0.5 * np.angle(np.sum(np.exp(2j * np.array(phases)), axis=0)))
 
 
 def _unwound(phase: FloatArray) -> FloatArray:
-    """A phase known up to half turns, continuous and nearest to zero at 0 Hz."""
+    """Unwrap a phase known up to half turns, so that it is nearest to zero at 0 Hz."""
     whole = np.unwrap(phase, period=HALF_TURN)
     inside = within(*TREMOR_BAND)
     at_zero = np.polynomial.Polynomial.fit(OMEGA[inside], whole[inside], 1)(0.0)
@@ -247,7 +247,7 @@ def _unwound(phase: FloatArray) -> FloatArray:
 
 
 def _signed(phases: list[FloatArray], correction: FloatArray) -> list[FloatArray]:
-    """The same, adding up to a phase that is known up to whole turns."""
+    """Choose half turns so that phases add up to one that is known up to whole turns."""
     inside = within(*TREMOR_BAND)
     missing = (correction - np.sum(phases, axis=0))[inside]
     if not phases or np.sum(np.exp(1j * missing)).real >= 0:

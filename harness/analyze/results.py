@@ -13,9 +13,7 @@ from harness.analyze.analysis import DOUBTFUL, INCOHERENT, Analysis
 from harness.analyze.delay_budget import BAND, INTENT, band, correction_of, left_of
 from harness.analyze.multisine import FREQUENCIES, SPACING
 from harness.analyze.operating_point import AXES
-from harness.common.errors import SteadytipError
 from harness.common.figures import Figure
-from harness.common.files import reason
 from harness.common.quantities import format_quantity
 from harness.common.types import FloatArray
 from harness.report.page import Section, Table, made_with, write_sections
@@ -40,12 +38,12 @@ def _line(frequency: float) -> int:
 
 
 def _phase(analysis: Analysis) -> FloatArray:
-    """(f,) phase of the correction against the motion, positive where it leads [deg]."""
-    return np.degrees(np.angle(correction_of(analysis.whole)))
+    """Return the phase of the correction against the motion, (f,), leading is positive [deg]."""
+    return np.degrees(np.angle(correction_of(analysis.measured)))
 
 
 def figures(analysis: Analysis) -> list[Figure]:
-    """All numbers; where one is not to be trusted its setting says so."""
+    """Return all numbers; the setting names those that are not to be trusted."""
     return list(_figures(analysis))
 
 
@@ -58,15 +56,19 @@ def _figures(analysis: Analysis) -> Iterator[Figure]:
     def figure(quantity: str, unit: str, value: Any, doubt: str = "") -> Figure:
         return Figure(SOURCE, quantity, unit, None, float(value), setting + doubt)
 
-    left, product, phase = left_of(analysis.whole), left_of(analysis.product), _phase(analysis)
+    left, from_parts, phase = (
+        left_of(analysis.measured),
+        left_of(analysis.from_parts),
+        _phase(analysis),
+    )
     for f in LEFT_AT:
         k = _line(f)
         doubt = f"; doubtful: beyond {DOUBTFUL:g}" if analysis.doubtful[k] else ""
         yield figure(f"tip motion by hand motion at {f:g} Hz, whole loop", "", left[k], doubt)
         for i, axis in enumerate(AXES):
-            value = np.linalg.norm(analysis.whole[k, :, i])
+            value = np.linalg.norm(analysis.measured[k, :, i])
             yield figure(f"tip motion by hand motion along {axis} at {f:g} Hz", "", value, doubt)
-        yield figure(f"tip motion by hand motion at {f:g} Hz, parts", "", product[k], doubt)
+        yield figure(f"tip motion by hand motion at {f:g} Hz, parts", "", from_parts[k], doubt)
         yield figure(f"tip motion by hand motion at {f:g} Hz, error", "", analysis.scatter[k])
     for f in SHOWN:
         k = _line(f)
@@ -79,7 +81,7 @@ def _figures(analysis: Analysis) -> Iterator[Figure]:
             yield figure(f"phase of {what} at {f:g} Hz", "deg", np.degrees(stage.phase[k]), doubt)
             yield figure(f"delay of {what} at {f:g} Hz", "ms", stage.delay[k] * 1e3, doubt)
     for high in (1.0, INTENT):
-        worst = np.linalg.norm(analysis.whole, ord=2, axis=(1, 2))[: _line(high) + 1].max()
+        worst = np.linalg.norm(analysis.measured, ord=2, axis=(1, 2))[: _line(high) + 1].max()
         yield figure(f"largest amplification of intent up to {high:g} Hz", "", worst)
     k = int(np.argmax(left))
     yield figure("largest tip motion by hand motion", "", left[k])
@@ -117,7 +119,7 @@ def _delays(analysis: Analysis, figure: _Made) -> Iterator[Figure]:
 
 
 def spare_text(analysis: Analysis) -> str:
-    """The worst delay in a sentence."""
+    """Return the delay budget in a sentence."""
     budget, of = analysis.budget, f"{BAND[0]:g} to {BAND[1]:g} Hz"
 
     def words(value: float | None, left: float) -> str:
@@ -135,12 +137,16 @@ def spare_text(analysis: Analysis) -> str:
 
 
 def tables(analysis: Analysis) -> dict[str, Table]:
-    """Tables for people, by their title."""
-    left, product, phase = left_of(analysis.whole), left_of(analysis.product), _phase(analysis)
+    """Return tables for people, by their title."""
+    left, from_parts, phase = (
+        left_of(analysis.measured),
+        left_of(analysis.from_parts),
+        _phase(analysis),
+    )
     rows = []
     for f in LEFT_AT:
         k = _line(f)
-        columns = np.linalg.norm(analysis.whole[k], axis=0)
+        columns = np.linalg.norm(analysis.measured[k], axis=0)
         doubt = DOUBT if analysis.doubtful[k] else ""
         angle = f"{phase[k]:.1f}" if analysis.coherence[k] >= INCOHERENT else "–"
         rows.append(
@@ -149,7 +155,7 @@ def tables(analysis: Analysis) -> dict[str, Table]:
                 *(f"{value:.2f}" for value in columns),
                 f"{left[k]:.2f}{doubt}",
                 f"{analysis.scatter[k]:.2f}",
-                f"{product[k]:.2f}",
+                f"{from_parts[k]:.2f}",
                 angle,
                 f"{analysis.coherence[k]:.2f}",
             )
@@ -186,8 +192,8 @@ def _stage_table(analysis: Analysis) -> Table:
 
     rows = []
     for stage in analysis.stages:
-        bent = set(stage.parts) & set(analysis.fitted)
-        how = "wire" if stage.wire else "loop" if bent else "alone"
+        nonlinear = set(stage.parts) & set(analysis.fitted)
+        how = "wire" if stage.wire else "loop" if nonlinear else "alone"
         rows.append(row(stage.label, np.degrees(stage.phase), how))
     total = np.sum([stage.phase for stage in analysis.stages], axis=0)
     rows.append(row("all together", np.degrees(total), ""))
@@ -197,7 +203,7 @@ def _stage_table(analysis: Analysis) -> Table:
 
 
 def _plain(value: float, digits: int) -> str:
-    """A number without the sign of a rounded zero."""
+    """Format a number without the sign of a rounded zero."""
     text = f"{value:.{digits}f}"
     return text if float(text) else text.lstrip("-")
 
@@ -247,22 +253,18 @@ def write_page(analysis: Analysis, folder: Path) -> Path:
         ),
     ]
     size, unit = format_quantity(analysis.tremor, "m")
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-        return write_sections(
-            folder / PAGE,
-            f"Delay budget: {analysis.scenario.title}",
-            f"{analysis.scenario.name}, tremor of {size} {unit} rms"
-            + (f" as in {analysis.motion.name}" if analysis.motion else ""),
-            (
-                spare_text(analysis),
-                "The hand moves by multisines, its tremor as large as in the scenario but spread "
-                f"over {TREMOR_BAND[0]:g} to {TREMOR_BAND[1]:g} Hz, as that of real hands is: a "
-                "filter that learns cancels a tone better. What a run does with its own motion is "
-                "in its report.",
-            ),
-            sections,
-            made_with("control", "numpy", "scipy", "fmpy", "plotly"),
-        )
-    except OSError as error:
-        raise SteadytipError(f"{folder / PAGE} cannot be written: {reason(error)}") from None
+    return write_sections(
+        folder / PAGE,
+        f"Delay budget: {analysis.scenario.title}",
+        f"{analysis.scenario.name}, tremor of {size} {unit} rms"
+        + (f" as in {analysis.motion.name}" if analysis.motion else ""),
+        (
+            spare_text(analysis),
+            "The hand moves by multisines, its tremor as large as in the scenario but spread "
+            f"over {TREMOR_BAND[0]:g} to {TREMOR_BAND[1]:g} Hz, as that of real hands is: a "
+            "filter that learns cancels a tone better. What a run does with its own motion is "
+            "in its report.",
+        ),
+        sections,
+        made_with("control", "numpy", "scipy", "fmpy", "plotly"),
+    )

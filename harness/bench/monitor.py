@@ -1,4 +1,4 @@
-"""What the monitor costs, and what it costs the loop that it looks at."""
+"""Cost of the monitor, for itself and for the loop that it looks at."""
 
 from __future__ import annotations
 
@@ -34,7 +34,7 @@ _BEFORE = 1.0  # s until it is open
 
 
 def figures(folder: Path, seconds: float) -> Iterator[Figure]:
-    """Rows of 150 columns at 1 kHz, alone and with a page that asks four times a second.
+    """Write rows of 150 columns at 1 kHz, alone and with a page that asks four times a second.
 
     Args:
         folder: for the rings.
@@ -73,7 +73,7 @@ def figures(folder: Path, seconds: float) -> Iterator[Figure]:
 
 
 def _write(folder: Path, seconds: float, out: Connection) -> None:
-    """Rows on time, for so long; gives what each has cost [s]."""
+    """Write rows on time, for so long; return what each has cost [s]."""
     count = round(seconds / STEP)
     more = [Column(f"more.port_{i}", "Real", "", "") for i in range(_WIDTH - len(LOOP))]
     loop = Ring.create(folder / "loop.ring", [*columns(LOOP), *more], STEP)

@@ -59,12 +59,12 @@ BOARD: list[tuple[str, PortType, str]] = [
 
 
 def columns(table: Sequence[tuple[str, PortType, str]]) -> list[Column]:
-    """Columns of a ring from names, types, units."""
+    """Return columns of a ring from names, types, units."""
     return [Column(n, t, u, f"what {n} says") for n, t, u in table]
 
 
 def motion(count: int, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArray]:
-    """Tip without and with compensation, and intent, (count, 3) [m]; 30 % of a tone is left."""
+    """Return tip without and with compensation, and intent, (count, 3) [m]; 30 % is left."""
     rng = np.random.default_rng(seed)
     t = np.arange(count)[:, np.newaxis] * STEP
     intent = 1e-4 * np.sin(2 * np.pi * np.array([0.3, 0.2, 0.1]) * t)
@@ -75,12 +75,12 @@ def motion(count: int, seed: int = 1) -> tuple[FloatArray, FloatArray, FloatArra
 
 
 def board_rows(count: int) -> FloatArray:
-    """(count, 9) rows of the board's ring."""
+    """Return rows of the board's ring, (count, 9)."""
     return np.column_stack(motion(count))
 
 
 def loop_rows(count: int, begin: int = 0) -> FloatArray:
-    """Rows of a loop whose tick `begin + k` takes sample k; 40 samples are lost halfway."""
+    """Return rows of a loop whose tick `begin + k` takes sample k; 40 samples are lost halfway."""
     rng = np.random.default_rng(2)
     k = np.arange(count)
     lost = (k >= count // 2) & (k < count // 2 + 40)
@@ -109,7 +109,7 @@ def loop_rows(count: int, begin: int = 0) -> FloatArray:
 
 
 def get(url: str, data: bytes | None = None) -> bytes:
-    """What the monitor answers."""
+    """Return the response of the monitor."""
     request = urllib.request.Request(url, data, {"Content-Type": "application/json"})
     with urllib.request.urlopen(request, timeout=20) as answer:
         content: bytes = answer.read()
@@ -118,14 +118,14 @@ def get(url: str, data: bytes | None = None) -> bytes:
 
 @cache
 def _callback_of(url: str) -> dict[str, Any]:
-    """The one that refreshes the page, as it is told to the browser."""
+    """Return the callback that refreshes the page, as it is told to the browser."""
     found = [d for d in json.loads(get(f"{url}_dash-dependencies")) if d.get("running")]
     (callback,) = found
     return dict(callback)
 
 
 def refresh(url: str, drawn: Any = None) -> Any:
-    """What the page gets when it asks, by output."""
+    """Ask as the page does, and return the result by output."""
     callback = _callback_of(url)
     names = callback["output"].strip(".").split("...")
     body = {

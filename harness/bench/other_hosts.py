@@ -14,18 +14,17 @@ import time
 from collections.abc import Callable, Sequence
 from multiprocessing.connection import Connection
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.scenario.load import load
 
-__all__ = ["HOSTS", "OPENERS", "Contender", "PlainLoop", "absent_host"]
+__all__ = ["HOSTS", "OPENERS", "HostProcess", "PlainLoop", "absent_host"]
 
 Block = Callable[[int], float]
 """Given a number of ticks, it runs them and says how long they took [s]."""
 
-_PATIENCE = 60.0  # s for a contender to open
+_OPENING_TIME = 60.0  # s for a contender to open
 HOSTS = {
     "libcosim": ("libcosimpy", "pip install 'steadytip[hosts]'"),
     "Ecos": ("ecospy", "pip install 'steadytip[hosts]', and libtbb12 of the system"),
@@ -34,7 +33,7 @@ HOSTS = {
 
 
 def absent_host(name: str) -> str:
-    """Why another host cannot be used here; empty if it can."""
+    """Return why another host cannot be used here; empty if it can."""
     module, cure = HOSTS[name]
     found = importlib.util.find_spec(module) is not None
     if found:
@@ -45,7 +44,7 @@ def absent_host(name: str) -> str:
 
 
 def _harness(scenario: str, ssp: Path, folder: Path) -> Block:
-    """This harness with its record; the ticks of a whole run."""
+    """Return blocks of this harness with its record; each is the ticks of a whole run."""
     from harness.running import run
     from harness.scenario.load import load
 
@@ -173,7 +172,7 @@ def _fmpy(scenario: str, ssp: Path, folder: Path) -> Block:
 
 
 def open_libcosim(ssp: Path, step: float) -> Any:
-    """Its execution with the fixed-step algorithm; nothing observes."""
+    """Open libcosim's execution with the fixed-step algorithm; nothing observes."""
     from libcosimpy.CosimExecution import CosimExecution
     from libcosimpy.CosimLogging import CosimLogLevel, log_output_level
 
@@ -188,7 +187,7 @@ def _libcosim(scenario: str, ssp: Path, folder: Path) -> Block:
 
 
 def _libcosim_kept(scenario: str, ssp: Path, folder: Path) -> Block:
-    """All outputs of all ticks are kept in memory, by its own observer."""
+    """Return blocks of libcosim with its own observer, which keeps all outputs in memory."""
     from libcosimpy.CosimEnums import CosimVariableCausality, CosimVariableType
     from libcosimpy.CosimObserver import CosimObserver
 
@@ -205,7 +204,7 @@ def _libcosim_kept(scenario: str, ssp: Path, folder: Path) -> Block:
 
 
 def open_ecos(ssp: Path, step: float) -> Any:
-    """Its simulation with the fixed-step algorithm, initialised; nothing listens."""
+    """Open Ecos's simulation with the fixed-step algorithm, initialised; nothing listens."""
     from ecospy import EcosSimulation
 
     simulation = EcosSimulation(step, ssp_path=str(ssp))
@@ -246,7 +245,7 @@ def _serve(name: str, scenario: str, ssp: Path, folder: Path, pipe: Connection) 
         pipe.send(block(ticks))
 
 
-class Contender:
+class HostProcess:
     """One of `OPENERS` in a process of its own, until it is closed."""
 
     def __init__(self, name: str, scenario: str, ssp: Path, folder: Path) -> None:
@@ -272,7 +271,7 @@ class Contender:
         )
         self._process.start()
         theirs.close()
-        self._told(_PATIENCE)
+        self._receive(_OPENING_TIME)
 
     def block(self, ticks: int) -> float:
         """Run some ticks; how long they took [s].
@@ -281,7 +280,7 @@ class Contender:
             SteadytipError: its process has ended.
         """
         self._pipe.send(ticks)
-        return float(self._told(None))
+        return float(self._receive(None))
 
     def close(self) -> None:
         """End its process."""
@@ -290,22 +289,17 @@ class Contender:
             self._process.join(5.0)
             self._process.kill()
 
-    def __enter__(self) -> Contender:
+    def __enter__(self) -> HostProcess:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()
 
-    def _told(self, patience: float | None) -> Any:
+    def _receive(self, timeout: float | None) -> Any:
         try:
-            if not self._pipe.poll(patience):
+            if not self._pipe.poll(timeout):
                 self._process.kill()
-                raise SteadytipError(f"{self.name} is not open after {patience:g} s")
+                raise SteadytipError(f"{self.name} is not open after {timeout:g} s")
             answer = self._pipe.recv()
         except EOFError:
             self._process.join()

@@ -6,38 +6,24 @@ import ast
 import os
 import platform
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import replace
 from pathlib import Path
 
-from rich.markup import escape
-from rich.table import Table
+from rich.table import Table as PrintedTable
 
-from harness.bench.results import Book, Line
+from harness.bench.results import BenchResults, Measurement
 from harness.bench.session import SUITE
-from harness.reproduce.engine import for_people
+from harness.report.figure_table import with_micro_sign
+from harness.report.page import Table
+from harness.report.terminal import printed
 
 __all__ = ["console_tables", "machine", "write_page"]
 
 
-@dataclass(frozen=True)
-class Grid:
-    """Numbers of a group as people read them.
-
-    Attributes:
-        header: of the columns.
-        numbers: how many columns of numbers follow the first.
-        rows: of texts.
-    """
-
-    header: tuple[str, ...]
-    numbers: int
-    rows: list[tuple[str, ...]]
-
-
-def grid(lines: Sequence[Line]) -> Grid:
-    """One row for what was measured, one column for what of it."""
+def grid(lines: Sequence[Measurement]) -> Table:
+    """Return one row for each thing measured, one column for each of its numbers."""
     columns = list(dict.fromkeys(line.column for line in lines))
-    rows: dict[tuple[str, str], dict[str, Line]] = {}
+    rows: dict[tuple[str, str], dict[str, Measurement]] = {}
     settings: dict[str, str] = {}
     for line in lines:
         # That of a ratio says what it is of, and so does its place.
@@ -48,37 +34,31 @@ def grid(lines: Sequence[Line]) -> Grid:
     for (row, setting), found in rows.items():
         wanted = [f"{n} {f.wanted}".strip() for n, f in found.items() if f.wanted]
         cells = [_number(found[name]) if name in found else "" for name in columns]
-        texts.append(tuple(map(for_people, (row, *cells, ", ".join(wanted), setting))))
+        texts.append(tuple(map(with_micro_sign, (row, *cells, ", ".join(wanted), setting))))
     header = ("", *(name or "measured" for name in columns), "wanted", "setting")
     kept = [k for k in range(len(header)) if k <= len(columns) or any(text[k] for text in texts)]
-    return Grid(
-        header=tuple(header[k] for k in kept),
-        numbers=len(columns),
-        rows=[tuple(text[k] for k in kept) for text in texts],
+    return Table(
+        tuple(header[k] for k in kept),
+        tuple(tuple(text[k] for k in kept) for text in texts),
+        frozenset(range(1, len(columns) + 1)),
     )
 
 
-def grids(group: str, book: Book) -> Iterator[Grid]:
-    """Of a group, one for each of its parts."""
-    lines = [line for line in book.lines() if line.group == group]
+def grids(group: str, results: BenchResults) -> Iterator[Table]:
+    """Yield the tables of a group, one for each of its parts."""
+    lines = [line for line in results.lines() if line.group == group]
     for part in dict.fromkeys(line.part for line in lines):
         yield grid([line for line in lines if line.part == part])
 
 
-def console_tables(group: str, book: Book) -> Iterator[Table]:
-    """Of a group, for the terminal."""
-    for found in grids(group, book):
-        table = Table(box=None, pad_edge=False)
-        for index, name in enumerate(found.header):
-            number = 0 < index <= found.numbers
-            table.add_column(name or group, justify="right" if number else "left", overflow="fold")
-        for row in found.rows:
-            table.add_row(*map(escape, row))
-        yield table
+def console_tables(group: str, results: BenchResults) -> Iterator[PrintedTable]:
+    """Yield the tables of a group for the terminal."""
+    for found in grids(group, results):
+        yield printed(replace(found, columns=(group, *found.columns[1:])))
 
 
 def machine() -> str:
-    """Processor, cores, system, Python, and what else the machine was doing."""
+    """Return processor, cores, system, Python, and what else the machine was doing."""
     from pytest_benchmark.plugin import pytest_benchmark_generate_machine_info
 
     metadata = pytest_benchmark_generate_machine_info()
@@ -92,7 +72,7 @@ def machine() -> str:
     )
 
 
-def write_page(path: Path, groups: Sequence[str], book: Book, where: str) -> Path:
+def write_page(path: Path, groups: Sequence[str], results: BenchResults, where: str) -> Path:
     """Write the tables as Markdown, each with what its file of the suite says of it.
 
     Raises:
@@ -108,27 +88,26 @@ def write_page(path: Path, groups: Sequence[str], book: Book, where: str) -> Pat
         f"Measured on: {where}.",
     ]
     for group in groups:
-        title, _, text = _told(group).partition("\n\n")
+        title, _, text = _docstring(group).partition("\n\n")
         parts += [f"## {group}: {title.rstrip('.')}", *([text] if text else [])]
-        parts += map(_markdown, grids(group, book))
-        parts += [f"Skipped: {reason}." for reason in book.skipped.get(group, ())]
+        parts += map(_markdown, grids(group, results))
+        parts += [f"Skipped: {reason}." for reason in results.skipped.get(group, ())]
     return write_text(path, "\n\n".join(parts) + "\n")
 
 
-def _told(group: str) -> str:
-    """What a file of the suite says of itself."""
+def _docstring(group: str) -> str:
+    """Return the docstring of a file of the suite."""
     tree = ast.parse((SUITE / f"{group}.py").read_text(encoding="utf-8"))
     return ast.get_docstring(tree) or group
 
 
-def _markdown(found: Grid) -> str:
-    rule = ["---:" if 0 < k <= found.numbers else "---" for k in range(len(found.header))]
-    rows = [found.header, rule, *found.rows]
-    return "\n".join(f"| {' | '.join(row)} |" for row in rows)
+def _markdown(found: Table) -> str:
+    rule = ["---:" if k in found.numbers else "---" for k in range(len(found.columns))]
+    return "\n".join(f"| {' | '.join(row)} |" for row in (found.columns, rule, *found.rows))
 
 
-def _number(line: Line) -> str:
-    """Three digits and the unit."""
+def _number(line: Measurement) -> str:
+    """Return three digits and the unit."""
     value = line.value
     digits = f"{value:.0f}" if abs(value) >= 1000 else f"{value:.3g}"
     return f"{digits} {line.unit}".strip()

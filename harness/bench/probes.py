@@ -1,4 +1,4 @@
-"""What is looked at in a process of its own: memory, builds, speed."""
+"""Measurements in a process of their own: memory, builds, speed."""
 
 from __future__ import annotations
 
@@ -12,21 +12,21 @@ from concurrent.futures import ProcessPoolExecutor
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-__all__ = ["alone", "builds", "instances", "runs", "spun"]
+__all__ = ["arithmetic_rate", "builds", "in_new_process", "instances", "runs"]
 
 _P = ParamSpec("_P")
 _T = TypeVar("_T")
 _MEBI = 2.0**20
 
 
-def alone(action: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> _T:
-    """What an action gives in a new process."""
+def in_new_process(action: Callable[_P, _T], *arguments: _P.args, **named: _P.kwargs) -> _T:
+    """Run an action in a new process and return its result."""
     with ProcessPoolExecutor(1, multiprocessing.get_context("spawn")) as pool:
         return pool.submit(action, *arguments, **named).result()
 
 
 def _resident() -> float:
-    """Memory of this process that is in RAM [MiB]."""
+    """Return the memory of this process that is in RAM [MiB]."""
     import psutil
 
     gc.collect()
@@ -34,7 +34,7 @@ def _resident() -> float:
 
 
 def instances(fmus: dict[str, Path], count: int) -> dict[str, tuple[float, float]]:
-    """Memory of instances that have begun.
+    """Measure the memory of instances that have begun.
 
     Args:
         fmus: by name.
@@ -68,7 +68,7 @@ def instances(fmus: dict[str, Path], count: int) -> dict[str, tuple[float, float
 
 
 def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], float | None]:
-    """Memory of a process that runs a scenario again and again.
+    """Measure the memory of a process that runs a scenario again and again.
 
     Args:
         scenario: path of a scenario file, or the name of a shipped one.
@@ -116,8 +116,8 @@ def builds(folder: Path, names: Sequence[str]) -> dict[str, float]:
     return spent
 
 
-def spun(seconds: float, processes: int) -> float:
-    """Rounds of plain arithmetic in a second, of processes together that share nothing.
+def arithmetic_rate(seconds: float, processes: int) -> float:
+    """Return rounds of plain arithmetic in a second, of processes that share nothing.
 
     Args:
         seconds: how long each spins [s].

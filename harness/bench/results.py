@@ -1,4 +1,4 @@
-"""What benchmarks have measured, and the figures that come of it."""
+"""Numbers that benchmarks have measured, and the figures made of them."""
 
 from __future__ import annotations
 
@@ -10,13 +10,13 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from harness.common.figures import Figure
 
-__all__ = ["Book", "Line"]
+__all__ = ["BenchResults", "Measurement"]
 
 Statistic = Callable[[Sequence[float]], float]
 
 
 @dataclass(frozen=True)
-class Line:
+class Measurement:
     """One number.
 
     Attributes:
@@ -44,7 +44,7 @@ class Line:
     given: Figure | None = None
 
     def figure(self) -> Figure:
-        """As an entry of the JSON list."""
+        """Return the number as an entry of the JSON list."""
         from harness.common.figures import Figure
 
         if self.given is not None:
@@ -61,23 +61,18 @@ class Line:
 
 @dataclass
 class _Samples:
-    """Of one number, measured several times."""
+    """Samples of one number, measured several times; a ratio has those of two others."""
 
     unit: str
     setting: str
     wanted: str
-    statistic: Statistic
+    statistic: Statistic = statistics.median
     part: str = ""
     values: list[float] = field(default_factory=list)
+    ratio: tuple[tuple[str, str], tuple[str, str]] | None = None
 
 
-@dataclass(frozen=True)
-class _Ratio:
-    over: tuple[str, str]
-    under: tuple[str, str]
-
-
-class Book:
+class BenchResults:
     """Takes samples of numbers by group, row and column, in any order.
 
     Attributes:
@@ -85,8 +80,8 @@ class Book:
     """
 
     def __init__(self) -> None:
-        self._entries: dict[tuple[str, str, str], _Samples | tuple[_Ratio, _Samples]] = {}
-        self._given: list[Line] = []
+        self._entries: dict[tuple[str, str, str], _Samples] = {}
+        self._given: list[Measurement] = []
         self.skipped: dict[str, dict[str, None]] = {}
 
     def add(
@@ -116,9 +111,7 @@ class Book:
             part: of the group, with a table of its own.
         """
         new = _Samples(unit, setting, wanted, statistic, part)
-        entry = self._entries.setdefault((group, row, column), new)
-        assert isinstance(entry, _Samples)
-        entry.values += values
+        self._entries.setdefault((group, row, column), new).values += values
 
     def ratio(
         self,
@@ -141,10 +134,10 @@ class Book:
             wanted: what is, in words.
         """
         setting = f"{over[0]} over {under[0]}, in turns"
-        samples = _Samples("", setting, wanted, statistics.median)
-        self._entries.setdefault((group, row, column), (_Ratio(over, under), samples))
+        samples = _Samples("", setting, wanted, ratio=(over, under))
+        self._entries.setdefault((group, row, column), samples)
 
-    def take(self, group: str, part: str, row: str, column: str, figure: Figure) -> None:
+    def add_figure(self, group: str, part: str, row: str, column: str, figure: Figure) -> None:
         """Take a figure as it is.
 
         Args:
@@ -154,39 +147,26 @@ class Book:
             column: where it stands there.
             figure: the figure.
         """
-        line = Line(
-            group,
-            row,
-            column,
-            figure.unit,
-            figure.setting,
-            "",
-            figure.measured,
-            part=part,
-            given=figure,
-        )
-        self._given.append(line)
+        what = (figure.unit, figure.setting, "", figure.measured)
+        self._given.append(Measurement(group, row, column, *what, part=part, given=figure))
 
     def skip(self, group: str, reason: str) -> None:
-        """Something could not be measured."""
+        """Note that something could not be measured."""
         self.skipped.setdefault(group, {})[reason] = None
 
-    def lines(self) -> list[Line]:
-        """All numbers, in the order in which they were first heard of."""
+    def lines(self) -> list[Measurement]:
+        """Return all numbers, in the order in which they were first heard of."""
         found = []
-        for (group, row, column), entry in self._entries.items():
-            samples = entry if isinstance(entry, _Samples) else self._divided(group, *entry)
-            if samples.values:
+        for (group, row, column), samples in self._entries.items():
+            values = samples.values
+            if samples.ratio is not None:
+                over, under = (self._entries.get((group, *each)) for each in samples.ratio)
+                if over is not None and under is not None:
+                    # An end in the midst of a turn leaves one of them with more.
+                    pairs = zip(over.values, under.values, strict=False)
+                    values = [a / b for a, b in pairs]
+            if values:
                 what = (samples.unit, samples.setting, samples.wanted)
-                value = float(samples.statistic(samples.values))
-                ratio = samples is not entry
-                found.append(Line(group, row, column, *what, value, ratio, samples.part))
+                value, ratio = float(samples.statistic(values)), samples.ratio is not None
+                found.append(Measurement(group, row, column, *what, value, ratio, samples.part))
         return found + self._given
-
-    def _divided(self, group: str, ratio: _Ratio, samples: _Samples) -> _Samples:
-        over, under = (self._entries.get((group, *each)) for each in (ratio.over, ratio.under))
-        if isinstance(over, _Samples) and isinstance(under, _Samples):
-            # An end in the midst of a turn leaves one of them with more.
-            pairs = zip(over.values, under.values, strict=False)
-            samples.values = [a / b for a, b in pairs]
-        return samples

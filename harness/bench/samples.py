@@ -1,4 +1,4 @@
-"""What each model's FMU is measured with: parameters, and inputs from a recorded run.
+"""Parameters, and inputs from a recorded run, that each model's FMU is measured with.
 
 Shipped scenarios are run, and with them, as listeners that nothing hears, the models that could
 stand in them and do not. What a part took in such a run is what its FMU gets.
@@ -21,7 +21,7 @@ from harness.running import perform
 from harness.scenario import load as scenarios
 from harness.system.assembly import System, assemble
 
-__all__ = ["Case", "cases", "names"]
+__all__ = ["StepCase", "cases", "names"]
 
 _SENSED = {
     "force_*": "estimator.force_*",
@@ -79,7 +79,7 @@ _LISTENER = "listener"
 
 
 @dataclass(frozen=True)
-class Case:
+class StepCase:
     """An FMU and what it gets.
 
     Attributes:
@@ -101,14 +101,14 @@ class Case:
     setting: str
 
 
-def cases(folder: Path, seconds: float) -> list[Case]:
-    """Every model as it stands in the first scenario that has it, and with parameters of listeners.
+def cases(folder: Path, seconds: float) -> list[StepCase]:
+    """Return every model as it stands in the first scenario that has it, and each listener.
 
     Args:
         folder: for the runs.
         seconds: their length [s].
     """
-    found: dict[str, Case] = {}
+    found: dict[str, StepCase] = {}
     for name in _LISTENERS:
         for case in _recorded(name, folder, seconds):
             found.setdefault(case.name, case)
@@ -116,8 +116,8 @@ def cases(folder: Path, seconds: float) -> list[Case]:
 
 
 def names() -> list[str]:
-    """Of all cases: every model of ours, and the parameters of listeners."""
-    from fmu_src.pack.build import model_names
+    """Return the names of all cases: every model of ours, and the parameters of listeners."""
+    from fmu_src.pack.discovery import model_names
 
     listeners = [settings for parts in _LISTENERS.values() for settings, _ in parts]
     return sorted({*model_names(), *(_titled(dict(each)) for each in listeners)})
@@ -129,7 +129,7 @@ def _titled(starts: dict[str, Any]) -> str:
     return f"{model} ({words})" if words else str(model)
 
 
-def _recorded(name: str, folder: Path, seconds: float) -> Iterator[Case]:
+def _recorded(name: str, folder: Path, seconds: float) -> Iterator[StepCase]:
     system = assemble(scenarios.load(_with_listeners(name, folder), {"seconds": seconds}))
     result = perform(system, folder / name, report=False)
     for part in system.parts.values():
@@ -138,7 +138,7 @@ def _recorded(name: str, folder: Path, seconds: float) -> Iterator[Case]:
 
 
 def _with_listeners(name: str, folder: Path) -> Path:
-    """A scenario file that extends a shipped one."""
+    """Write a scenario file that extends a shipped one."""
     import tomli_w
 
     parts: dict[str, Any] = {}
@@ -153,7 +153,7 @@ def _with_listeners(name: str, folder: Path) -> Path:
     return path
 
 
-def _case(scenario: str, part: FmuPart, system: System, result: Result) -> Case:
+def _case(scenario: str, part: FmuPart, system: System, result: Result) -> StepCase:
     links = {link.target: link for link in system.wiring.links if link.target_part == part.name}
     connected = tuple(port.name for port in part.inputs if port.name in links)
     taken = [
@@ -166,7 +166,7 @@ def _case(scenario: str, part: FmuPart, system: System, result: Result) -> Case:
     rows = np.arange(round(len(table) * step / period)) * period / step
     listener = part.name.partition("_")[0] == _LISTENER
     model = part.description.model.modelName
-    return Case(
+    return StepCase(
         name=_titled({"fmu": model, **(part.start_values if listener else {})}),
         description=part.description,
         starts=part.start_values,
@@ -178,6 +178,6 @@ def _case(scenario: str, part: FmuPart, system: System, result: Result) -> Case:
 
 
 def _late(signal: FloatArray, delay: int) -> FloatArray:
-    """A wire's delay; what was before the run is what was first."""
+    """Delay a signal as a wire does; before the run it has its first value."""
     values = signal.astype(float)
     return np.concatenate([np.repeat(values[:1], delay), values[: len(values) - delay]])

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 import pytest_benchmark  # noqa: F401 - whoever has none is told so by the import
 
-from harness.bench.results import Book
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.bench.results import BenchResults
 
 if TYPE_CHECKING:
     from harness.common.figures import Figure
@@ -25,7 +25,7 @@ _LONG, _SHORT = 1.0, 0.05  # s that pytest-benchmark calibrates for
 
 @dataclass(frozen=True)
 class Bench:
-    """What a benchmark has beside pytest-benchmark's own fixture: the fixture `bench`.
+    """Fixture `bench` of a benchmark, beside pytest-benchmark's own fixture.
 
     Attributes:
         group: that it belongs to.
@@ -36,7 +36,7 @@ class Bench:
     """
 
     group: str
-    book: Book
+    results: BenchResults
     quick: bool
     seconds: float
     folder: Path
@@ -45,19 +45,19 @@ class Bench:
     def add(
         self, row: str, column: str, values: Sequence[float] | float, unit: str, **more: Any
     ) -> None:
-        """See `Book.add`."""
+        """Add samples; see `BenchResults.add`."""
         found = [values] if isinstance(values, float | int) else values
-        self.book.add(self.group, row, column, found, unit, **more)
+        self.results.add(self.group, row, column, found, unit, **more)
 
     def ratio(
         self, row: str, column: str, over: tuple[str, str], under: tuple[str, str], wanted: str = ""
     ) -> None:
-        """See `Book.ratio`."""
-        self.book.ratio(self.group, row, column, over, under, wanted=wanted)
+        """Add a ratio; see `BenchResults.ratio`."""
+        self.results.ratio(self.group, row, column, over, under, wanted=wanted)
 
-    def take(self, part: str, row: str, column: str, figure: Figure) -> None:
-        """See `Book.take`."""
-        self.book.take(self.group, part, row, column, figure)
+    def add_figure(self, part: str, row: str, column: str, figure: Figure) -> None:
+        """Add a figure; see `BenchResults.add_figure`."""
+        self.results.add_figure(self.group, part, row, column, figure)
 
     def time(
         self,
@@ -111,39 +111,35 @@ class Bench:
         return values
 
 
+@dataclass(eq=False)
 class _Plugin:
-    """Of the session."""
+    """Plugin of the pytest session."""
 
-    def __init__(
-        self,
-        book: Book,
-        quick: bool,
-        seconds: float,
-        turns: int,
-        status: Callable[[str], None],
-    ) -> None:
-        self._book, self._quick, self._seconds = book, quick, seconds
-        self._turns, self._status = turns, status
-        self.troubles: list[str] = []
+    _results: BenchResults
+    _quick: bool
+    _seconds: float
+    _turns: int
+    _status: Callable[[str], None]
+    troubles: list[str] = field(default_factory=list)
 
     @pytest.fixture(scope="session")
     def folder(self, tmp_path_factory: pytest.TempPathFactory) -> Path:
-        """For files of all benchmarks."""
+        """Return a folder for files of all benchmarks."""
         return tmp_path_factory.mktemp("bench")
 
     @pytest.fixture(scope="session")
     def quick(self) -> bool:
-        """Whether numbers may be rough."""
+        """Return whether numbers may be rough."""
         return self._quick
 
     @pytest.fixture
     def bench(self, request: pytest.FixtureRequest, folder: Path) -> Bench:
-        """See `Bench`."""
+        """Return what a benchmark is given; see `Bench`."""
         group = request.path.stem
-        return Bench(group, self._book, self._quick, self._seconds, folder, request)
+        return Bench(group, self._results, self._quick, self._seconds, folder, request)
 
     def pytest_generate_tests(self, metafunc: pytest.Metafunc) -> None:
-        """What is compared is measured in turns: the machine changes while it does."""
+        """Measure in turns what is compared: the machine changes while it does."""
         if "turn" in metafunc.fixturenames:
             metafunc.parametrize("turn", range(self._turns))
 
@@ -154,14 +150,14 @@ class _Plugin:
 
     @pytest.hookimpl(wrapper=True)
     def pytest_runtest_makereport(self, item: pytest.Item, call: Any) -> Any:
-        """What cannot be had keeps no other benchmark; what is broken is told."""
+        """Keep the other benchmarks going where one fails, and note the failure."""
         report = yield
         error = call.excinfo.value if call.excinfo is not None else None
         if isinstance(error, pytest.skip.Exception | SteadytipError):
             # For the session, a benchmark that the machine cannot do has not failed.
             report.outcome = "skipped"
             report.longrepr = (str(item.path), 0, str(error))
-            self._book.skip(item.path.stem, str(error))
+            self._results.skip(item.path.stem, str(error))
             self._status(f"skipped: {error}")
         elif report.failed:
             self.troubles.append(f"{item.name}:\n{report.longreprtext}")
@@ -174,21 +170,21 @@ def measure(
     quick: bool = False,
     seconds: float = 20.0,
     status: Callable[[str], None] = lambda _: None,
-) -> Book:
+) -> BenchResults:
     """Run groups of benchmarks.
 
     Args:
         groups: names of files of the suite.
         quick: rough numbers soon.
         seconds: length of runs on the wall clock [s].
-        status: told in a few words what is being done.
+        status: called with a text on what is being done.
 
     Raises:
         SteadytipError: a benchmark is broken.
     """
-    book = Book()
+    results = BenchResults()
     turns = 2 if quick else 7
-    plugin = _Plugin(book, quick, seconds, turns, status)
+    plugin = _Plugin(results, quick, seconds, turns, status)
     span = _SHORT if quick else _LONG
     ended = pytest.main(
         [
@@ -204,4 +200,4 @@ def measure(
         raise SteadytipError("a benchmark is broken: " + "\n".join(plugin.troubles))
     if ended not in (pytest.ExitCode.OK, pytest.ExitCode.INTERRUPTED):
         raise SteadytipError(f"pytest ended with {ended!r}")
-    return book
+    return results

@@ -9,20 +9,19 @@ from __future__ import annotations
 import ctypes
 from functools import cache
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from fmu_src.pack.compiler import compile_library
-from harness.bench.samples import Case
+from harness.bench.samples import StepCase
 from harness.common.c_struct import MirroredStruct, check_layout
-from harness.common.errors import SteadytipError
 from harness.common.types import FloatArray
 from harness.loop.native import ACCESS, accesses
 from harness.parts.fmi import WARNING, Instance, Stepper
 
-__all__ = ["Stepped"]
+__all__ = ["SteppedFmu"]
 
 _SOURCE = Path(__file__).with_name("stepper.c")
 
@@ -53,7 +52,7 @@ def _samples() -> Any:
     return function
 
 
-class Stepped:
+class SteppedFmu:
     """An FMU at its first sample, until it is closed.
 
     Attributes:
@@ -61,7 +60,7 @@ class Stepped:
         advance: one sample from Python, as the harness makes it.
     """
 
-    def __init__(self, case: Case, folder: Path) -> None:
+    def __init__(self, case: StepCase, folder: Path) -> None:
         """Load and initialise.
 
         Args:
@@ -94,7 +93,7 @@ class Stepped:
         )
 
     def samples(self, first: int, last: int, spent: FloatArray | None = None) -> None:
-        """Samples in C, of `first` before `last`.
+        """Step samples in C, of `first` before `last`.
 
         Args:
             first: number of the first.
@@ -110,20 +109,15 @@ class Stepped:
             raise SteadytipError(f"{self.case.name}: a sample ended with FMI's status {status}")
 
     def outputs(self) -> FloatArray:
-        """(outputs,) Real ones first, of the last sample; others only from Python."""
+        """Return the outputs of the last sample, Real ones first; others only from Python."""
         return self._y.copy()
 
     def close(self) -> None:
         """Free it."""
         self._instance.close()
 
-    def __enter__(self) -> Stepped:
+    def __enter__(self) -> SteppedFmu:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self.close()

@@ -20,7 +20,7 @@ def now() -> float:
 
 
 def counting(action: Callable[[], float]) -> Callable[[], None]:
-    """An action of which only the time that it returns [s] counts."""
+    """Return an action of which only the time that it returns [s] counts."""
 
     def act() -> None:
         global _held

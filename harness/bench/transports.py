@@ -14,8 +14,8 @@ from typing import Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from harness.can.precise_sleep import sleep_until
-from harness.common.errors import SteadytipError
 from harness.common.figures import Figure
 
 __all__ = ["NAMES", "figures"]
@@ -28,7 +28,7 @@ _QUIET = 10.0  # s without a frame that a receiver takes for the end
 
 
 def figures(name: str, folder: Path, seconds: float) -> Iterator[Figure]:
-    """Frames of samples at 1 kHz.
+    """Send the frames of samples at 1 kHz, and yield what that costs.
 
     Args:
         name: of the transport.
@@ -43,9 +43,9 @@ def figures(name: str, folder: Path, seconds: float) -> Iterator[Figure]:
     if sys.platform == "win32":
         raise SteadytipError(f"{name}: there are neither Unix sockets nor terminals here")
     mine, theirs = _ends(name, folder)
-    with can.Bus(**mine) as bus, _receiver(name, theirs) as heard:
-        sent, cost = _talk(bus, seconds)
-        found = heard()
+    with can.Bus(**mine) as bus, _receiver(name, theirs) as received:
+        sent, cost = _send_samples(bus, seconds)
+        found = received()
     setting = f"{name}, 3 frames a sample at 1 kHz, {seconds:g} s"
     for quantity, unit, value in (
         ("frame on the way, median", "us", found["p50"]),
@@ -58,7 +58,7 @@ def figures(name: str, folder: Path, seconds: float) -> Iterator[Figure]:
 
 
 def _ends(name: str, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
-    """Options of python-can for sender and receiver."""
+    """Return options of python-can for sender and receiver."""
     if name in ("virtual", "unixbus"):
         both = {"interface": name, "channel": str(folder)}
         return both, both
@@ -71,15 +71,15 @@ def _ends(name: str, folder: Path) -> tuple[dict[str, Any], dict[str, Any]]:
 
 @contextmanager
 def _receiver(name: str, options: dict[str, Any]) -> Iterator[Callable[[], dict[str, float]]]:
-    """One that listens; gives what it has heard."""
+    """Start a receiver; its result is what it has received."""
     here, there = multiprocessing.Pipe()
     if name == "virtual":  # knows no other process
         runner: Any = threading.Thread(
-            target=_listen_alone, args=(options, there, time.thread_time), daemon=True
+            target=_listen_on_own_bus, args=(options, there, time.thread_time), daemon=True
         )
     else:
         runner = multiprocessing.get_context("spawn").Process(
-            target=_listen_alone, args=(options, there, time.process_time), daemon=True
+            target=_listen_on_own_bus, args=(options, there, time.process_time), daemon=True
         )
     runner.start()
     assert here.recv() == "ready"
@@ -87,7 +87,7 @@ def _receiver(name: str, options: dict[str, Any]) -> Iterator[Callable[[], dict[
     runner.join()
 
 
-def _listen_alone(options: dict[str, Any], out: Connection, cpu: Callable[[], float]) -> None:
+def _listen_on_own_bus(options: dict[str, Any], out: Connection, cpu: Callable[[], float]) -> None:
     import can
 
     with can.Bus(**options) as bus:
@@ -109,7 +109,7 @@ def _listen(bus: Any, cpu: Callable[[], float]) -> dict[str, float]:
     return {"count": len(ways), "p50": float(p50), "p99": float(p99), "share": share}
 
 
-def _talk(bus: Any, seconds: float) -> tuple[int, float]:
+def _send_samples(bus: Any, seconds: float) -> tuple[int, float]:
     """Send the samples on time; how many frames, and the median cost of a `send` [us]."""
     import can
 

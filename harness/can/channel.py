@@ -20,8 +20,9 @@ from dataclasses import dataclass, field
 from enum import IntEnum
 from typing import Any
 
+from fmu_src.errors import SteadytipError
 from harness.can.database import Database
-from harness.common.errors import FaultError, SteadytipError
+from harness.common.errors import FaultError
 
 __all__ = ["Address", "CanChannel", "State", "now"]
 

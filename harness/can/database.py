@@ -34,8 +34,9 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Any
 
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.units import exponents
-from harness.common.errors import ProblemsError, SteadytipError, nearest
+from harness.common.errors import ProblemsError, nearest
 from harness.common.files import is_path
 
 __all__ = ["HOLD", "OFF", "OPERATIONAL", "RUN", "Database", "Message", "Signal", "load"]

@@ -31,7 +31,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from harness.common.errors import SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import nearest
 
 __all__ = ["KINDS", "Fault", "FaultInjection", "parse"]
 

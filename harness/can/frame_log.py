@@ -14,8 +14,9 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+from fmu_src.errors import SteadytipError
 from harness.common.background_writer import BackgroundFile
-from harness.common.errors import FaultError, SteadytipError
+from harness.common.errors import FaultError
 from harness.common.files import reason
 
 __all__ = ["BUS", "SUFFIXES", "TICKS", "Entry", "FrameLog", "read_log"]

@@ -2,19 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import Annotated
 
 import typer
-from rich.markup import escape
-from rich.table import Table
 
 from harness.cli.options import console
-
-if TYPE_CHECKING:
-    from harness.report import page
+from harness.report.terminal import bar, printed, say
 
 
 def analyze(
@@ -49,22 +43,23 @@ def analyze(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """Measure the delay budget: what is left of a tremor, what each part and delay costs."""
+    """Compute the delay budget: what is left of a tremor, what parts cost, what delay is borne."""
     from harness.analyze.analysis import analyze as analyse
     from harness.cli.overrides import parse_overrides
 
-    def say(text: str) -> None:
+    def status(text: str) -> None:
         if not quiet:
-            console.print(text, style="dim", markup=False, highlight=False, soft_wrap=True)
+            say(console, text, "dim")
 
-    with _progress(quiet) as update:
+    with bar(console, quiet) as shown:
+        task = shown.add_task("", total=1.0)
         found = analyse(
             scenario,
             wanted=attenuation,
             motion=motion,
             overrides=parse_overrides(override, None, seed),
-            progress=update,
-            status=say,
+            progress=lambda share, what: shown.update(task, completed=share, description=what),
+            status=status,
         )
 
     from harness.analyze.results import figures, spare_text, tables, write_page
@@ -73,47 +68,12 @@ def analyze(
     if not quiet:
         for title, table in tables(found).items():
             console.print(f"\n[bold]{title}[/bold]", highlight=False)
-            console.print(_shown(table))
+            console.print(printed(table))
         console.print(f"\n{spare_text(found)}", markup=False, highlight=False)
     for note in found.notes:
-        say(f"{note}.")
+        status(f"{note}.")
     name = "-".join([found.scenario.name, *([motion.stem] if motion else [])])
     folder = out or Path("build", "analyze", name)
-    say(f"page: {write_page(found, folder)}")
+    status(f"page: {write_page(found, folder)}")
     if json is not None:
-        say(f"json: {write_figures(json, figures(found))}")
-
-
-def _shown(table: page.Table) -> Table:
-    shown = Table(box=None, pad_edge=False)
-    for index, name in enumerate(table.columns):
-        number = index in table.numbers
-        shown.add_column(name, justify="right" if number else "left", no_wrap=number)
-    for row in table.rows:
-        shown.add_row(*map(escape, row))
-    return shown
-
-
-@contextmanager
-def _progress(quiet: bool) -> Iterator[Callable[[float, str], None]]:
-    """Show a bar that says what is being measured."""
-    if quiet:
-        yield lambda _share, _what: None
-        return
-    from rich.progress import (
-        BarColumn,
-        Progress,
-        TaskProgressColumn,
-        TextColumn,
-        TimeElapsedColumn,
-    )
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TaskProgressColumn(),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=1.0)
-        yield lambda share, what: bar.update(task, completed=share, description=what)
+        status(f"json: {write_figures(json, figures(found))}")

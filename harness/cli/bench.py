@@ -39,12 +39,13 @@ def bench(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """Speed and size: FMUs, loop, container, sweep, memory, cold start, builds, wall clock.
+    """Measure speed and size: FMUs, loop, container, sweep, memory, cold start, builds, HIL.
 
     Figures are printed and never judged. Of what is compared, samples are taken in turns.
     """
+    from fmu_src.errors import SteadytipError
     from harness.cli.console import Display
-    from harness.common.errors import SteadytipError, nearest
+    from harness.common.errors import nearest
 
     unknown = [name for name in groups or () if name not in GROUPS]
     if unknown:
@@ -63,15 +64,15 @@ def bench(
     wanted = [name for name in GROUPS if not groups or name in groups]
     length = seconds if seconds is not None else 2.0 if quick else 20.0
     where = machine()
-    book = measure(wanted, quick=quick, seconds=length, status=display.status)
+    results = measure(wanted, quick=quick, seconds=length, status=display.status)
     for group in wanted:
-        for block in console_tables(group, book):
+        for block in console_tables(group, results):
             display.show(block)
     display.status(where)
     if json is not None:
         from harness.common.figures import write_figures
 
-        figures = [line.figure() for line in book.lines()]
+        figures = [line.figure() for line in results.lines()]
         display.status(f"json: {write_figures(json, figures)}")
     if table is not None:
-        display.status(f"table: {write_page(table, wanted, book, where)}")
+        display.status(f"table: {write_page(table, wanted, results, where)}")

@@ -35,7 +35,7 @@ def build(
 ) -> None:
     """Build FMUs from the models, or one FMU from several of a scenario's parts."""
     from fmu_src import pack
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
 
     def progress(text: str) -> None:
         console.print(f"building {text}", style="dim", highlight=False)

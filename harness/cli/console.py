@@ -28,14 +28,13 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from pathlib import Path
 
-    from harness.common.figures import Figure
     from harness.parts.description import Description, Variable
     from harness.parts.ports import Port
     from harness.results.metrics import Metric
     from harness.system.assembly import System
     from harness.system.wire import Link
 
-__all__ = ["Display", "figures_table", "fmu_table", "metrics_table", "system_tables"]
+__all__ = ["Display", "fmu_table", "metrics_table", "system_tables"]
 
 
 class Display:
@@ -162,19 +161,6 @@ def comparison_table(runs: Mapping[str, Mapping[str, Metric]]) -> Table:
     for run, metrics in runs.items():
         row(run, [[metrics[name]] if name in metrics else [] for name in _COMPARED])
     row("mean", [[m[name] for m in runs.values() if name in m] for name in _COMPARED])
-    return table
-
-
-def figures_table(figures: Sequence[Figure]) -> Table:
-    """Numbers beside those of papers, one row each."""
-    from harness.reproduce.engine import COLUMNS, NUMBERS, cells
-
-    table = Table(box=None, pad_edge=False)
-    for index, name in enumerate(COLUMNS):
-        number = index in NUMBERS
-        table.add_column(name, justify="right" if number else "left", no_wrap=number)
-    for figure in figures:
-        table.add_row(*map(escape, cells(figure)))
     return table
 
 

@@ -56,7 +56,7 @@ def main() -> None:
     try:
         app()
     except Exception as error:
-        from harness.common.errors import SteadytipError
+        from fmu_src.errors import SteadytipError
 
         if not isinstance(error, SteadytipError):
             raise

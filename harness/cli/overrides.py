@@ -6,7 +6,7 @@ import tomllib
 from collections.abc import Sequence
 from typing import Any
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 
 __all__ = ["parse_overrides", "toml_value"]
 

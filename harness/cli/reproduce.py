@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -12,9 +10,10 @@ from rich.markup import escape
 from rich.table import Column, Table
 
 from harness.cli.options import console
+from harness.report.terminal import bar, printed, say
 
 if TYPE_CHECKING:
-    from harness.reproduce.engine import Done
+    from harness.reproduce.engine import ItemRun
     from harness.reproduce.item import Item
 
 
@@ -44,7 +43,7 @@ def reproduce(
     ] = None,
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
-    """Measure the papers' tables and figures again, and print both numbers side by side."""
+    """Print the papers' tables and figures beside what this software measures."""
     from harness.reproduce.catalogue import chosen, items
 
     known = items()
@@ -52,7 +51,8 @@ def reproduce(
         console.print(_list(known))
         return
 
-    from harness.common.errors import ProblemsError, SteadytipError
+    from fmu_src.errors import SteadytipError
+    from harness.common.errors import ProblemsError
 
     wanted = chosen(names, known)
     if data is not None and not data.is_dir():
@@ -64,8 +64,14 @@ def reproduce(
 
     from harness.reproduce.engine import run_items, write_json, write_page
 
-    done: list[Done] = []
-    with _progress(len(wanted), quiet) as update:
+    done: list[ItemRun] = []
+    with bar(console, quiet) as shown:
+        task = shown.add_task("", total=len(wanted))
+
+        def update(item: Item, share: float, what: str) -> None:
+            completed = len(done) + min(max(share, 0.0), 1.0)
+            shown.update(task, description=f"{item.name}: {what}", completed=completed)
+
         for one in run_items(wanted, data, update):
             done.append(one)
             if not quiet:
@@ -76,7 +82,7 @@ def reproduce(
     if not quiet:
         for what, path in {"page": page, "json": json}.items():
             if path is not None:
-                _say(f"{what}: {path}", "dim", fold=False)
+                say(console, f"{what}: {path}", "dim")
     if any(one.error for one in done):
         raise typer.Exit(1)
 
@@ -91,47 +97,16 @@ def _list(items: list[Item]) -> Table:
     return table
 
 
-def _show(one: Done) -> None:
-    from harness.cli.console import figures_table
-    from harness.reproduce.engine import for_people
+def _show(one: ItemRun) -> None:
+    from harness.report.figure_table import figure_table, with_micro_sign
 
     console.print()
-    _say(f"{one.item.source}: {one.item.title}", "bold")
+    say(console, f"{one.item.source}: {one.item.title}", "bold", fold=True)
     if one.skipped:
-        _say(f"skipped: it {one.skipped}", "yellow")
+        say(console, f"skipped: it {one.skipped}", "yellow", fold=True)
     if one.error:
-        _say(f"ended early: {one.error}", "red")
+        say(console, f"ended early: {one.error}", "red", fold=True)
     if one.outcome.figures:
-        console.print(figures_table(one.outcome.figures))
+        console.print(printed(figure_table(one.outcome.figures)))
     for note in one.outcome.notes:
-        _say(for_people(note), "dim")
-
-
-def _say(text: str, style: str, fold: bool = True) -> None:
-    console.print(text, style=style, markup=False, highlight=False, soft_wrap=not fold)
-
-
-@contextmanager
-def _progress(count: int, quiet: bool) -> Iterator[Callable[[Item, float, str], None]]:
-    """Show a bar over all items that says which one is at what."""
-    if quiet:
-        yield lambda _item, _share, _what: None
-        return
-    from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-    columns = (
-        TextColumn("{task.description}", markup=False),
-        BarColumn(),
-        TextColumn("{task.fields[what]}", style="dim", markup=False),
-        TimeElapsedColumn(),
-    )
-    with Progress(*columns, console=console, transient=True) as bar:
-        task = bar.add_task("", total=count, what="")
-        begun: dict[str, int] = {}
-
-        def update(item: Item, share: float, what: str) -> None:
-            place = begun.setdefault(item.name, len(begun))
-            done = place + min(max(share, 0.0), 1.0)
-            bar.update(task, description=item.name, completed=done, what=what)
-
-        yield update
+        say(console, with_micro_sign(note), "dim", fold=True)

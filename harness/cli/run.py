@@ -41,9 +41,10 @@ def run(
     quiet: Annotated[bool, typer.Option("--quiet", "-q", help="Say nothing but errors.")] = False,
 ) -> None:
     """Run a scenario: build what is missing, record, measure, report; compare its variants."""
+    from fmu_src.errors import SteadytipError
     from harness.cli.console import Display, comparison_table, metrics_table, ranking_table
     from harness.cli.overrides import parse_overrides
-    from harness.common.errors import RunError, SteadytipError
+    from harness.common.errors import RunError
     from harness.recordings.motion import recordings
     from harness.results.variants import summarise_variants
     from harness.running import run as run_scenario

@@ -111,7 +111,7 @@ def sweep(
 
 def _varied(texts: Sequence[str]) -> dict[str, Any]:
     """All of `--vary`, by key."""
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
 
     found: dict[str, Any] = {}
     for key, values in map(_said, texts):
@@ -123,8 +123,8 @@ def _varied(texts: Sequence[str]) -> dict[str, Any]:
 
 def _said(text: str) -> tuple[str, Any]:
     """KEY=VALUES: values as TOML has them, or several with commas between."""
+    from fmu_src.errors import SteadytipError
     from harness.cli.overrides import toml_value
-    from harness.common.errors import SteadytipError
 
     key, equals, value = text.partition("=")
     if not equals or not key.strip() or not value.strip():

@@ -22,7 +22,7 @@ def validate(
     """Check FMUs against the checklist of a drop-in FMU, each probe in a process of its own."""
     from harness.common.errors import ProblemsError
     from harness.validation import reports
-    from harness.validation.verdict import validate as check
+    from harness.validation.validate import validate as check
 
     missing = [f"{path} does not exist" for path in fmus if not path.is_file()]
     if missing:

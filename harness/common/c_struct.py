@@ -5,7 +5,7 @@ from __future__ import annotations
 import ctypes
 from typing import Any
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 
 __all__ = ["MirroredStruct", "check_layout"]
 

@@ -38,7 +38,7 @@ class Figure:
     def __post_init__(self) -> None:
         for name, value in (("paper", self.paper), ("measured", self.measured)):
             if value is not None and not math.isfinite(value):
-                from harness.common.errors import SteadytipError
+                from fmu_src.errors import SteadytipError
 
                 raise SteadytipError(
                     f"{self.source}, {self.quantity}: '{name}' = {value} must be finite"

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from pathlib import Path
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 
 __all__ = ["is_path", "reason", "replacing", "write_text"]
 

@@ -7,7 +7,7 @@ from xml.parsers import expat
 
 from lxml import etree
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 
 __all__ = ["MOST_BYTES", "parse_xml"]
 

@@ -16,9 +16,10 @@ from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fmu_src.errors import SteadytipError
 from harness.can.device_node import DeviceNode
 from harness.can.fault_injection import Fault
-from harness.common.errors import SteadytipError, StoppedError
+from harness.common.errors import StoppedError
 from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter
 from harness.loop.loop import LoopOutcome, RealTimeClock

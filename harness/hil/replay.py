@@ -13,12 +13,12 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from fmu_src.errors import SteadytipError
 from harness.can.channel import Address, State
 from harness.can.controller_node import TURN, ControllerNode, Outgoing, Turn
 from harness.can.database import Database
 from harness.can.frame_log import Entry, read_log
 from harness.can.timing import Timing
-from harness.common.errors import SteadytipError
 from harness.hil.board import part_on_bus
 from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
 from harness.parts.can.feed import FeedPart

@@ -37,7 +37,8 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.common.errors import RecordError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import RecordError
 from harness.common.files import reason, replacing
 from harness.common.types import FloatArray
 from harness.parts.ports import Column

@@ -17,8 +17,9 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
+from fmu_src.errors import SteadytipError
 from harness.can.frame_log import SUFFIXES, FrameLog
-from harness.common.errors import FaultError, SteadytipError
+from harness.common.errors import FaultError
 from harness.hil.board import BUS, part_on_bus, world_scenario
 from harness.hil.monitor import start_monitor
 from harness.hil.realtime import realtime

@@ -16,10 +16,10 @@ from typing import Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from harness.can.codec import Codec
 from harness.can.database import Database, Message, load
 from harness.can.precise_sleep import sleep_until
-from harness.common.errors import SteadytipError
 from harness.common.figures import Figure
 from harness.hil.realtime import realtime
 from harness.hil.session import hil

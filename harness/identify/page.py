@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable
 from pathlib import Path
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.common.files import reason
 from harness.report.page import Section, made_with, write_sections
 

@@ -24,8 +24,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from harness.common.c_struct import MirroredStruct, check_layout
-from harness.common.errors import SteadytipError
 from harness.common.types import FloatArray
 from harness.parts.protocols import FmuCalls, NativelySteppable, OutputTable, TypedAccess
 from harness.system.tick_plan import PartStep, TickBuffers, TickPlan

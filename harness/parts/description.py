@@ -21,8 +21,8 @@ from typing import Any
 from fmpy import read_model_description, sharedLibraryExtension
 from fmpy.model_description import ModelDescription, ModelVariable, ValidationError
 
+from fmu_src.errors import SteadytipError
 from harness.common import archives
-from harness.common.errors import SteadytipError
 from harness.common.types import PortType
 from harness.common.xml_files import MOST_BYTES, parse_xml
 from harness.parts.ports import DIMENSIONLESS, Port, Unit

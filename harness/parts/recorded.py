@@ -16,7 +16,8 @@ from typing import Annotated, Any
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
-from harness.common.errors import FaultError, ProblemsError, SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import FaultError, ProblemsError, nearest
 from harness.common.types import FloatArray, PortType
 from harness.parts.ports import Port, unit_of
 from harness.parts.protocols import RunContext, Settings

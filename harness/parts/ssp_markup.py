@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 from lxml import etree
 
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.units import BASE
-from harness.common.errors import SteadytipError
 from harness.common.xml_files import parse_xml
 from harness.parts.ports import Unit
 

@@ -9,7 +9,7 @@ from typing import Any
 
 from lxml import etree
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.parts import ssp_markup as markup
 from harness.parts.ports import Unit
 

@@ -17,7 +17,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.common.errors import SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import nearest
 from harness.common.types import FloatArray
 from harness.recordings.tables import LENGTHS, TIMES, DataTable, read_table
 

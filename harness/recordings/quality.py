@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.common.types import FloatArray
 
 __all__ = [

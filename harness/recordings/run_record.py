@@ -12,7 +12,7 @@ import pyarrow as pa
 from numpy.typing import NDArray
 from pyarrow import parquet
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.common.types import PortType
 
 STREAM, PARQUET, CSV = "results.arrows", "results.parquet", "results.csv"

@@ -8,7 +8,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.common.errors import ProblemsError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.quality import non_finite_problems, select_samples, time_problems
 from harness.recordings.tables import (

@@ -17,7 +17,8 @@ from pathlib import Path
 import numpy as np
 
 from fmu_src.device.design import STANDARD_GRAVITY
-from harness.common.errors import SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import nearest
 from harness.common.files import reason, replacing
 from harness.common.types import FloatArray
 

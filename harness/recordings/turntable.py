@@ -14,7 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.common.errors import ProblemsError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.quality import non_finite_problems
 from harness.recordings.tables import (

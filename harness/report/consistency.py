@@ -24,7 +24,7 @@ _RANGE = (1e-3, 1e2)
 
 
 def consistency_plots(found: Sequence[Consistency]) -> Iterator[Plot]:
-    """One plot for each estimator, with a row for its corrections and each of its errors."""
+    """Yield one plot for each estimator: a row for its corrections and each of its errors."""
     for part, group in groupby(found, key=lambda each: each.part):
         yield _plot(part, list(group))
 
@@ -85,7 +85,7 @@ def _draw(figure: go.Figure, row: int, each: Consistency) -> None:
 
 
 def _means(each: Consistency) -> tuple[FloatArray, FloatArray, FloatArray, FloatArray]:
-    """Middle of each span, mean in it, and the interval of the mean of as many values."""
+    """Return middle of each span, mean in it, and the interval of the mean of as many values."""
     spans = np.array_split(np.arange(len(each.time)), min(_SPANS, len(each.time)))
     degrees = [float(each.size[span].sum()) for span in spans]
     low, high = np.array(

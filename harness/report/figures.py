@@ -13,7 +13,7 @@ from scipy import signal
 from harness.common.quantities import DISPLAY
 from harness.common.types import FloatArray
 from harness.report.page import Plot
-from harness.report.plots import GREY, SERIES, layout, line, thinned
+from harness.report.plots import GREY, SERIES, chart, components, grid, layout, line, thinned
 from harness.results.metrics import TREMOR_BAND, Motion, angle_between, intent_of
 
 __all__ = ["SPECTRUM_WINDOW", "amplitude_density", "colour", "figures", "three_rows"]
@@ -35,7 +35,7 @@ _DEGREES = DISPLAY["rad"][1]
 def figures(
     time: FloatArray, motion: Motion, stroke: FloatArray | None, delays: tuple[int, ...]
 ) -> Iterator[Plot]:
-    """All figures that the given signals allow.
+    """Yield all figures that the given signals allow.
 
     Args:
         time: (n,) [s].
@@ -73,7 +73,7 @@ def figures(
 
 
 def three_rows(x_title: str, y_title: str) -> go.Figure:
-    """Axes x, y and z one below the other, empty."""
+    """Return axes x, y and z one below the other, empty."""
     figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.04)
     for row, axis in enumerate(_AXES, start=1):
         figure.update_yaxes(title_text=f"{axis}, {y_title}", row=row, col=1)
@@ -82,21 +82,24 @@ def three_rows(x_title: str, y_title: str) -> go.Figure:
 
 
 def colour(name: str) -> str:
-    """Of a curve: what it has been made with decides."""
+    """Return the colour of a curve by its name."""
     return {"without compensation": _WITHOUT, "with compensation": _WITH}.get(name, _INTENT)
+
+
+def _three_axes(time: FloatArray, curves: Mapping[str, FloatArray]) -> go.Figure:
+    """Return a figure of vectors (n, 3) [µm] by name."""
+    drawn = ((name, colour(name), time, vectors) for name, vectors in curves.items())
+    return components(drawn, [f"{axis}, µm" for axis in _AXES], 560)
 
 
 def _errors(
     time: FloatArray, settle: float, curves: Mapping[str, FloatArray], intent: FloatArray
 ) -> Plot:
-    figure = three_rows("time, s", "µm")
-    after = time >= settle
-    for name, tip in curves.items():
-        error = (tip - intent) * _MICRO
-        error = error - error[after].mean(axis=0) if after.any() else error
-        for i in range(3):
-            x, y = thinned(time, error[:, i])
-            figure.add_trace(line(x, y, colour(name), name, legend=i == 0), row=i + 1, col=1)
+    after = time >= settle if (time >= settle).any() else slice(None)
+    errors = {name: (tip - intent) * _MICRO for name, tip in curves.items()}
+    figure = _three_axes(
+        time, {name: error - error[after].mean(axis=0) for name, error in errors.items()}
+    )
     if settle > 0.0:
         figure.add_vrect(
             0.0, min(settle, time[-1]), fillcolor="#999999", opacity=0.15, line_width=0
@@ -105,28 +108,25 @@ def _errors(
         "Tip error",
         "Distance of the tip from the intent along each axis of the world, about its mean; the "
         "grey beginning is left out of the figures of merit.",
-        layout(figure, 560),
+        figure,
     )
 
 
 def _zoom(time: FloatArray, curves: Mapping[str, FloatArray], intent: FloatArray) -> Plot:
-    figure = three_rows("time, s", "µm")
     begin = np.round(0.5 * time[-1])
     part = (time >= begin) & (time < begin + _ZOOM)
-    lines = {**curves, "intent": intent}
     # Voluntary motion is ten times the tremor: without its trend one would see nothing else.
     trend = intent[part] - signal.detrend(intent[part], axis=0)
-    for name, position in lines.items():
-        shown = position[part] - trend
-        shown = (shown - shown.mean(axis=0)) * _MICRO
-        for i in range(3):
-            trace = line(time[part], shown[:, i], colour(name), name, legend=i == 0)
-            figure.add_trace(trace, row=i + 1, col=1)
+    shown = {name: values[part] - trend for name, values in {**curves, "intent": intent}.items()}
+    figure = _three_axes(
+        time[part],
+        {name: (values - values.mean(axis=0)) * _MICRO for name, values in shown.items()},
+    )
     return Plot(
         "One second of it",
         "Position of the tip, the straight line that fits the intent taken out, each curve about "
         "its mean.",
-        layout(figure, 560),
+        figure,
     )
 
 
@@ -162,7 +162,7 @@ def _spectra(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
 
 
 def amplitude_density(x: FloatArray, step: float) -> tuple[FloatArray, FloatArray]:
-    """Welch's estimate over all columns together: Hann windows, linear trend removed.
+    """Estimate by Welch over all columns together: Hann windows, linear trend removed.
 
     Args:
         x: (n, k), longer than `SPECTRUM_WINDOW`.
@@ -178,7 +178,7 @@ def amplitude_density(x: FloatArray, step: float) -> tuple[FloatArray, FloatArra
 
 
 def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
-    """Tip by tip without compensation and the phase of the correction, from what was recorded."""
+    """Plot what is left of the motion, and the phase of the correction, as recorded."""
     first = round(motion.settle / motion.step)
     window = round(SPECTRUM_WINDOW / motion.step)
     # Half overlapped Hann windows; two of them are hardly more than one independent estimate.
@@ -197,14 +197,15 @@ def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | N
     left = np.where(error > _LARGEST_ERROR, np.nan, np.abs(1.0 + response))[known]
     faint = np.abs(response) < 2.0 * np.maximum(error, _LARGEST_ERROR / 4)
     phase = np.where(faint, np.nan, np.degrees(np.angle(-response)))[known]
-    figure = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
-    figure.add_trace(line(frequency[known], left, _WITH, "tip by hand"), row=1, col=1)
-    figure.add_trace(line(frequency[known], phase, _WITHOUT, "phase of the correction"), 2, 1)
+    panels = (
+        [[line(frequency[known], left, _WITH, "tip by hand")]],
+        [[line(frequency[known], phase, _WITHOUT, "phase of the correction")]],
+    )
+    figure = grid(panels, "frequency, Hz", ["tip by hand", "phase, deg"], 460)
     figure.add_hline(1.0, line={"color": _INTENT, "width": 0.8, "dash": "dot"}, row=1, col=1)
     figure.add_vrect(*TREMOR_BAND, fillcolor=_BAND, opacity=0.1, line_width=0)
-    figure.update_yaxes(title_text="tip by hand", rangemode="tozero", row=1, col=1)
-    figure.update_yaxes(title_text="phase, deg", row=2, col=1)
-    figure.update_xaxes(title_text="frequency, Hz", range=[0, _ATTENUATION[1]], row=2, col=1)
+    figure.update_yaxes(rangemode="tozero", row=1, col=1)
+    figure.update_xaxes(range=[0, _ATTENUATION[1]])
     return Plot(
         "Attenuation",
         "What is left of the motion, and by what angle the correction leads it (negative: lags): "
@@ -212,51 +213,47 @@ def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | N
         "s. Left out: where the hand moves too little for a standard error of "
         f"{_LARGEST_ERROR:g}, and phases of what is hardly a correction. 'steadytip analyze' tells "
         "which part costs what.",
-        layout(figure, 460),
+        figure,
     )
 
 
 def _voltages(time: FloatArray, drive: FloatArray) -> Plot:
-    figure = go.Figure()
-    for i, volts in enumerate(drive.T):
-        x, y = thinned(time, volts)
-        figure.add_trace(line(x, y, SERIES[i % len(SERIES)], f"actuator {i + 1}"))
-    figure.update_xaxes(title_text="time, s")
-    figure.update_yaxes(title_text="voltage, V")
-    return Plot("Voltages", "Commands to the actuators.", layout(figure, 320))
+    curves = [
+        line(*thinned(time, volts), SERIES[i % len(SERIES)], f"actuator {i + 1}")
+        for i, volts in enumerate(drive.T)
+    ]
+    figure = chart(curves, "time, s", "voltage, V", 320)
+    return Plot("Voltages", "Commands to the actuators.", figure)
 
 
 def _hysteresis(
     motion: Motion, drive: FloatArray, stroke: FloatArray, delays: tuple[int, ...]
 ) -> Plot:
-    columns = drive.shape[1]
-    figure = make_subplots(rows=1, cols=columns, shared_yaxes=True, horizontal_spacing=0.03)
     count = min(round(_LOOP_SECONDS / motion.step), len(drive) - max(delays, default=0))
+    panels = []
     for i, delay in enumerate(delays):
         end = len(drive) - delay
         volts, made = drive[end - count : end, i], stroke[len(stroke) - count :, i] * _MICRO
-        trace = line(volts, made, SERIES[i % len(SERIES)], f"actuator {i + 1}")
-        figure.add_trace(trace, row=1, col=i + 1)
-        figure.update_xaxes(title_text="voltage, V", row=1, col=i + 1)
-    figure.update_yaxes(title_text="stroke, µm", row=1, col=1)
+        panels.append([line(volts, made, SERIES[i % len(SERIES)], f"actuator {i + 1}")])
+    figure = grid(
+        [panels], "voltage, V", ["stroke, µm"], 380, shared_yaxes=True, horizontal_spacing=0.03
+    )
     return Plot(
         "Hysteresis",
         f"Stroke over the voltage that acts on it, last {count * motion.step:g} s.",
-        layout(figure, 380),
+        figure,
     )
 
 
 def _estimated(
     time: FloatArray, settle: float, size: FloatArray, texts: tuple[str, str, str]
 ) -> Plot:
-    """Error of an estimate; the scale is that of what counts, a start may lie far above."""
+    """Plot the error of an estimate, scaled to what counts: a start may lie far above."""
     title, unit, text = texts
-    figure = go.Figure()
-    x, y = thinned(time, size)
-    figure.add_trace(line(x, y, _WITH, title.lower()))
-    figure.update_xaxes(title_text="time, s")
+    curve = line(*thinned(time, size), _WITH, title.lower())
+    figure = chart([curve], "time, s", unit, 300, showlegend=False)
     counted = size[time >= settle] if settle < time[-1] else size
     top = 1.1 * float(counted.max())
-    figure.update_yaxes(title_text=unit, range=[0.0, top] if top > 0.0 else None)
+    figure.update_yaxes(range=[0.0, top] if top > 0.0 else None)
     beyond = f"; more than shown before {settle:g} s" if size.max() > max(top, 0.0) > 0.0 else ""
-    return Plot(title, f"{text}{beyond}.", layout(figure, 300, showlegend=False))
+    return Plot(title, f"{text}{beyond}.", figure)

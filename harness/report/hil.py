@@ -35,7 +35,7 @@ _UNIT = 1e3  # ms
 
 
 def hil_sections(result: Result) -> Iterator[Section]:
-    """One section for a run on the wall clock, none for others."""
+    """Yield one section for a run on the wall clock, none for others."""
     metadata = result.metadata.get("hil")
     if metadata is None:
         return
@@ -60,7 +60,7 @@ def hil_sections(result: Result) -> Iterator[Section]:
 
 
 def _words(seconds: float) -> str:
-    """A time with its unit."""
+    """Format a time with its unit."""
     return " ".join(format_quantity(seconds, "s"))
 
 
@@ -132,13 +132,13 @@ def _overruns(result: Result, counts: Mapping[str, int], feed: str) -> str:
 
 
 def _plural(count: int, what: str) -> str:
-    """A count of things whose first word is the thing."""
+    """Format a count of things whose first word is the thing."""
     thing, _, more = what.partition(" ")
     return f"{_number(count, thing)} {more}"
 
 
 def _messages(metadata: Mapping[str, Any]) -> Table:
-    """A row for each message; all ids together have more kinds of faults."""
+    """Return a row for each message; all ids together have more kinds of faults."""
     rows = [
         (f"0x{counts['id']:03X}", name, *(str(counts[kind]) for kind in PER_MESSAGE))
         for name, counts in metadata["messages"].items()
@@ -199,7 +199,7 @@ def _board_begun(result: Result, feed: str) -> float:
 
 
 def _durations(result: Result, feed: str) -> Iterator[Plot]:
-    """Histograms of latency and of wake-up, one below the other."""
+    """Yield histograms of latency and of wake-up, one below the other."""
     rows = {
         "latency": latencies(result, feed),
         "wake-up": wakings(result, feed),
@@ -265,7 +265,7 @@ def _histogram(
 
 
 def _course(result: Result, feed: str) -> Plot:
-    """Age, load, mode and faults over the time of the run."""
+    """Plot age, load, mode and faults over the time of the run."""
     time = result.time
     mode = mode_of(result, feed)
     counted = _counted(result, feed)
@@ -316,7 +316,7 @@ def _course(result: Result, feed: str) -> Plot:
 
 
 def _counted(result: Result, feed: str) -> dict[str, tuple[FloatArray, list[int]]]:
-    """Times and counts of each kind of fault that occurred, few enough to be drawn."""
+    """Return times and counts of each kind of fault that occurred, few enough to be drawn."""
     time = result.time
     size = max(1, -(-len(time) // _MARKS))
     found = {}
@@ -332,7 +332,7 @@ def _counted(result: Result, feed: str) -> dict[str, tuple[FloatArray, list[int]
 
 
 def _shade(figure: go.Figure, result: Result, feed: str) -> None:
-    """Where the emulated board was asked to misbehave."""
+    """Shade where the emulated board was asked for faults."""
     begun, end = _board_begun(result, feed), float(result.time[-1])
     shapes, words = [], []
     for text in result.metadata["hil"].get("injected", {}).get("faults", ()):

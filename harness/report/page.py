@@ -14,7 +14,8 @@ from markupsafe import Markup
 from plotly.offline import get_plotlyjs
 
 import fmu_src
-from harness.common.files import replacing
+from fmu_src.errors import SteadytipError
+from harness.common.files import reason, replacing
 
 if TYPE_CHECKING:
     import plotly.graph_objects as go
@@ -82,7 +83,7 @@ class Section:
 
 
 def rendered(plots: Iterable[Plot]) -> list[dict[str, Any]]:
-    """Plots as templates take them."""
+    """Return plots as templates take them."""
     return [
         {
             "title": plot.title,
@@ -100,7 +101,7 @@ def rendered(plots: Iterable[Plot]) -> list[dict[str, Any]]:
 
 
 def ready(sections: Iterable[Section]) -> list[dict[str, Any]]:
-    """Sections as templates take them."""
+    """Return sections as templates take them."""
     return [{**vars(section), "plots": rendered(section.plots)} for section in sections]
 
 
@@ -142,7 +143,7 @@ def write_sections(
     sections: Iterable[Section],
     metadata: Mapping[str, str],
 ) -> Path:
-    """Write a page of sections.
+    """Write a page of sections, and its folder where there is none.
 
     Args:
         path: file to write.
@@ -151,20 +152,22 @@ def write_sections(
         introduction: paragraphs above the sections.
         sections: in their order.
         metadata: how it was made, by name.
+
+    Raises:
+        SteadytipError: the page cannot be written.
     """
-    return write_page(
-        path,
-        "sections.html.j2",
-        title,
-        subtitle,
-        introduction=list(introduction),
-        sections=ready(sections),
-        metadata=dict(metadata),
-    )
+    content = {"introduction": list(introduction), "sections": ready(sections)}
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        return write_page(
+            path, "sections.html.j2", title, subtitle, metadata=dict(metadata), **content
+        )
+    except OSError as error:
+        raise SteadytipError(f"{path} cannot be written: {reason(error)}") from None
 
 
 def made_with(*packages: str) -> dict[str, str]:
-    """Machine and versions that figures were made with.
+    """Return machine and versions that figures were made with.
 
     Args:
         packages: distributions whose versions matter.

@@ -1,4 +1,4 @@
-"""What the commands `steadytip identify` have in common on the terminal."""
+"""Progress bars, tables and lines on the terminal, for commands that write pages."""
 
 from __future__ import annotations
 
@@ -17,7 +17,7 @@ __all__ = ["bar", "printed", "say"]
 
 
 def bar(console: Console, quiet: bool) -> Progress:
-    """A bar with what is done and the time that it has taken; none if `quiet`."""
+    """Return a bar with what is done and the time that it has taken; none if `quiet`."""
     from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
     return Progress(
@@ -31,15 +31,16 @@ def bar(console: Console, quiet: bool) -> Progress:
 
 
 def printed(table: Table) -> Printed:
-    """A page's table for the terminal."""
+    """Return a page's table for the terminal."""
     found = Printed(box=None, pad_edge=False)
     for index, name in enumerate(table.columns):
-        found.add_column(escape(name), justify="right" if index in table.numbers else "left")
+        number = index in table.numbers
+        found.add_column(escape(name), justify="right" if number else "left", no_wrap=number)
     for row in table.rows:
         found.add_row(*map(escape, row))
     return found
 
 
-def say(console: Console, text: str, style: str) -> None:
-    """A line in a style, never folded."""
-    console.print(text, style=style, markup=False, highlight=False, soft_wrap=True)
+def say(console: Console, text: str, style: str, fold: bool = False) -> None:
+    """Print a line in a style; it is cut into several only if `fold`."""
+    console.print(text, style=style, markup=False, highlight=False, soft_wrap=not fold)

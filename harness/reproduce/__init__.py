@@ -1,6 +1,6 @@
 """The papers' tables and figures, measured again with this software.
 
-A module here that holds an `ITEM` is one table or figure (or a tight group of them):
+A module of `papers/` that declares an `ITEM` is one table or figure, or a tight group of them:
 
     ITEM = Item(
         name="table-6.1",
@@ -10,7 +10,8 @@ A module here that holds an `ITEM` is one table or figure (or a tight group of t
         run=run,
     )
 
-with `run(context) -> Outcome`. Put the file here and `steadytip reproduce` has it: nothing else
-names it. Such modules import nothing heavy before they run, so that the list of them comes at once;
-what several of them share stands in `bench`.
+with `run(context) -> ItemResult`. Put the file into the folder of its paper and
+`steadytip reproduce` finds it. The list of items reads `ITEM` and the text constants of each module
+(`SOURCE = ...`) without importing the module, so that the list comes at once. `experiments/` holds
+what several items share.
 """

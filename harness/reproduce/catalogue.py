@@ -1,11 +1,14 @@
-"""Which items there are, and which of them a name on the command line means."""
+"""The list of items, and the selection of items by the names on the command line."""
 
 from __future__ import annotations
 
+import ast
 import importlib
+import importlib.util
 import pkgutil
 import re
 from collections.abc import Iterable, Sequence
+from importlib.abc import InspectLoader
 
 from harness.reproduce import papers
 from harness.reproduce.item import Item
@@ -20,26 +23,50 @@ _NUMBER = re.compile(r"[a-z]?\d+(\.\d+)*[a-z]?")
 
 
 def items() -> list[Item]:
-    """All items, by group and in the order of their numbers.
+    """Return all items, sorted by group and by their numbers.
 
     Raises:
-        SteadytipError: two items with one name.
+        SteadytipError: two items have one name.
     """
     found: dict[str, Item] = {}
     for module in pkgutil.walk_packages(papers.__path__, f"{papers.__name__}."):
-        item = getattr(importlib.import_module(module.name), "ITEM", None)
-        if not isinstance(item, Item):
+        item = None if module.ispkg else _declared(module.name)
+        if item is None:
             continue
         if item.name in found:
-            from harness.common.errors import SteadytipError
+            from fmu_src.errors import SteadytipError
 
             raise SteadytipError(f"{module.name}: another item is called '{item.name}', too")
         found[item.name] = item
     return sorted(found.values(), key=lambda item: (item.group, _order(item.name)))
 
 
+def _declared(module: str) -> Item | None:
+    """Return the item that a module declares, or None; the module itself is imported by its run.
+
+    Only two kinds of statement are executed here: `ITEM = Item(...)` and constants such as
+    `SOURCE = "A04 table 7.1"`. All imports of the module are left for later.
+    """
+    spec = importlib.util.find_spec(module)
+    assert spec is not None
+    assert isinstance(spec.loader, InspectLoader)
+    tree = ast.parse(spec.loader.get_source(module) or "")
+    tree.body = [
+        statement
+        for statement in tree.body
+        if isinstance(statement, ast.Assign)
+        and (
+            isinstance(statement.value, ast.Constant) or ast.unparse(statement.targets[0]) == "ITEM"
+        )
+    ]
+    names = {"Item": Item, "run": lambda context: importlib.import_module(module).run(context)}
+    exec(compile(tree, spec.origin or module, "exec"), names)
+    item = names.get("ITEM")
+    return item if isinstance(item, Item) else None
+
+
 def chosen(names: Sequence[str], known: Iterable[Item]) -> list[Item]:
-    """Items that are meant by some names, each once, in the order of the names.
+    """Return the items that some names mean, each once, in the order of the names.
 
     Args:
         names: of an item (`table-7.1`, `Fig. 7.1`), the number alone (`7.1`, for the table and the
@@ -81,7 +108,7 @@ def _aliases(item: Item) -> Iterable[str]:
 
 
 def _plain(name: str) -> str:
-    """One spelling of `Table 7.1`, `table_7.1`, `fig. 7.1`."""
+    """Return one spelling for `Table 7.1`, `table_7.1` and `fig. 7.1`."""
     spelt = _SPELT.match(name := name.strip().lower())
     if spelt:
         name = f"{_KINDS.get(spelt[1], spelt[1])}-{name[spelt.end() :]}"
@@ -89,5 +116,5 @@ def _plain(name: str) -> str:
 
 
 def _order(name: str) -> tuple[tuple[int, ...], str]:
-    """Numbers by their value: 7.2 comes before 7.10."""
+    """Return the key to sort by numbers: 7.2 comes before 7.10."""
     return tuple(int(digits) for digits in re.findall(r"\d+", name)), name

@@ -19,8 +19,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from harness.can.frame_log import read_log
-from harness.common.errors import SteadytipError
 from harness.common.files import reason, replacing
 from harness.results.result import read
 

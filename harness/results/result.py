@@ -11,7 +11,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from harness.common.errors import SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import nearest
 from harness.common.files import replacing
 from harness.common.patterns import matching
 from harness.recordings.run_record import (

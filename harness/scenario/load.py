@@ -11,7 +11,8 @@ from typing import Any
 
 from pydantic import ValidationError
 
-from harness.common.errors import ProblemsError, SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError, nearest
 from harness.common.files import is_path
 from harness.parts.kinds import kinds
 from harness.scenario.merge import merge_tables, nest_keys

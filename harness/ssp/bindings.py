@@ -6,7 +6,7 @@ from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.parts import ssp_markup as markup
 from harness.parts.ssp_markup import tag
 from harness.parts.ssv import SsvValue, find_values

@@ -17,8 +17,9 @@ from typing import Any
 from lxml import etree
 
 import fmu_src
+from fmu_src.errors import SteadytipError
 from fmu_src.pack.fmu import archive
-from harness.common.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError
 from harness.parts import ssp_markup as markup
 from harness.parts.description import Description
 from harness.parts.fmu import FmuPart

@@ -15,8 +15,9 @@ from typing import Any
 
 from lxml import etree
 
+from fmu_src.errors import SteadytipError
 from harness.common import archives
-from harness.common.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError
 from harness.parts import ssp_markup as markup
 from harness.parts.ports import Unit
 from harness.parts.ssp_markup import tag

@@ -19,7 +19,8 @@ from typing import Any
 
 import tomli_w
 
-from harness.common.errors import ProblemsError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError
 from harness.parts import ssp_markup as markup
 from harness.parts.description import Description, describe
 from harness.parts.ports import Port, Unit

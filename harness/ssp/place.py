@@ -7,7 +7,7 @@ from pathlib import Path, PurePosixPath
 from typing import Any
 from urllib.parse import unquote, urlsplit
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.parts import ssp_markup as markup
 
 __all__ = ["Place", "named"]

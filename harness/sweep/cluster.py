@@ -21,7 +21,7 @@ from queue import Empty, SimpleQueue
 from typing import TYPE_CHECKING, Any
 
 import fmu_src
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.sweep.executors import TooLong
 from harness.sweep.worker import Base, Row, Worker
 

@@ -12,7 +12,8 @@ from pathlib import Path
 from typing import Any
 
 import fmu_src
-from harness.common.errors import ProblemsError, RunError, SteadytipError, StoppedError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError, RunError, StoppedError, nearest
 from harness.parts.fmu import FmuPart
 from harness.recordings.motion import recordings
 from harness.scenario import load as scenarios

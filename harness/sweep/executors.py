@@ -15,7 +15,7 @@ from dataclasses import dataclass, replace
 from functools import cache
 from typing import TYPE_CHECKING, Protocol
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.parts.isolated import end_with_parent, ending
 from harness.sweep.worker import Base, Row, Worker
 

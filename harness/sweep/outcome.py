@@ -14,7 +14,8 @@ import numpy as np
 import pyarrow as pa
 from pyarrow import parquet
 
-from harness.common.errors import RecordError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import RecordError
 from harness.common.files import reason, replacing
 from harness.results.variants import RANKED
 from harness.sweep.store import JOURNAL, PAGE, PARQUET, contents, rows

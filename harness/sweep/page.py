@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.common.files import reason
 from harness.report.page import Plot, Section, Table, made_with, write_sections
 from harness.results.variants import RANKED

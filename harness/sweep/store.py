@@ -16,7 +16,8 @@ from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.common.errors import RecordError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import RecordError
 from harness.common.files import reason
 
 if TYPE_CHECKING:

@@ -18,7 +18,8 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from harness.common.errors import FaultError, ProblemsError, RunError, SteadytipError, StoppedError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import FaultError, ProblemsError, RunError, StoppedError
 from harness.loop.segments import run_until
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part, Restorable, Reusable, RunContext

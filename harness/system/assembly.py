@@ -9,7 +9,8 @@ from typing import Any
 
 import numpy as np
 
-from harness.common.errors import ProblemsError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError
 from harness.common.files import is_path
 from harness.parts.kinds import kinds
 from harness.parts.ports import Column

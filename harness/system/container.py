@@ -11,7 +11,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from harness.common.errors import ProblemsError, SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError, nearest
 from harness.common.files import is_path
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part

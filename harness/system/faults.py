@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 
-from harness.common.errors import SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import nearest
 from harness.parts.ports import Port
 from harness.parts.protocols import Part
 from harness.scenario.events import Fault

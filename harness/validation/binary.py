@@ -40,7 +40,7 @@ _EXECUTABLE = 1  # PF_X of an ELF segment
 
 
 def _parsed(fmu: Fmu) -> Iterator[tuple[str, Any]]:
-    """Each binary (each slice of a universal one) with its path in the archive."""
+    """Yield each binary (each slice of a universal one) with its path in the archive."""
     try:
         import lief
     except ImportError:

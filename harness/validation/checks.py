@@ -1,4 +1,4 @@
-"""What a check is, and the two lists of them: on files, and on a running FMU.
+"""Checks, and the two lists of them: on files, and on a running FMU.
 
 A check is a generator. It yields a sentence for each problem, `Note`s for what is merely good to
 know, and raises `Skip` where it does not apply. Its id is the item of the checklist and a word,
@@ -127,7 +127,7 @@ class Check:
         level: Level | None = None,
         seconds: float = 0.0,
     ) -> CheckOutcome:
-        """Result of this check, each problem once, long lists shortened."""
+        """Return the result of this check, each problem once, long lists shortened."""
         problems = list(dict.fromkeys(problems))
         more = len(problems) - _MOST_PROBLEMS
         if more > 1:
@@ -145,7 +145,7 @@ class Check:
 
 @dataclass(frozen=True)
 class CheckOutcome:
-    """What one check found.
+    """Result of one check.
 
     Attributes:
         id: of the check.
@@ -167,7 +167,7 @@ class CheckOutcome:
 
     @property
     def item(self) -> str:
-        """Of the checklist, `D1`."""
+        """Item of the checklist, `D1`."""
         return self.id.partition(".")[0]
 
     @property
@@ -184,7 +184,7 @@ class Registry(dict[str, Check]):
     def check(
         self, id: str, level: Level, title: str
     ) -> Callable[[Callable[..., Iterator[str]]], Callable[..., Iterator[str]]]:
-        """Decorator that declares a check."""
+        """Return a decorator that declares a check."""
         assert id.partition(".")[0] in ITEMS, id
 
         def declare(body: Callable[..., Iterator[str]]) -> Callable[..., Iterator[str]]:

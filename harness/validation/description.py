@@ -7,12 +7,12 @@ import math
 import re
 import zipfile
 from collections import Counter
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from datetime import datetime
 
 from harness.validation.checks import FILES, Failure, Note, Skip
-from harness.validation.facts import TRUE, Model
 from harness.validation.files import DESCRIPTION, VERSION, Fmu
+from harness.validation.variables import TRUE
 
 _LEGAL: dict[tuple[str, str], set[str | None]] = {
     ("parameter", "fixed"): {"exact"},
@@ -105,34 +105,30 @@ def _event_indicators(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C3.capabilities", "error", "capabilities do not contradict each other")
 def _capabilities(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
-    if model.flag("canSerializeFMUstate") and not model.flag("canGetAndSetFMUstate"):
+    if fmu.flag("canSerializeFMUstate") and not fmu.flag("canGetAndSetFMUstate"):
         yield "canSerializeFMUstate needs canGetAndSetFMUstate"
 
 
 @FILES.check("C3.drop_in", "warning", "the FMU claims what a host hopes for")
 def _drop_in(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
     for name, wanted in (
         *(("needsExecutionTool", False), ("canRunAsynchronuously", False)),
         *(("canBeInstantiatedOnlyOncePerProcess", False), ("canGetAndSetFMUstate", True)),
         ("canSerializeFMUstate", True),
     ):
-        if model.flag(name) != wanted:
+        if fmu.flag(name) != wanted:
             yield f"{name} is {str(not wanted).lower()}"
 
 
 @FILES.check("C4.units", "error", "units are defined once, with sound exponents and factors")
 def _units(fmu: Fmu) -> Iterator[str]:
     names = [unit.get("name") for unit in fmu.root.iterfind("UnitDefinitions/Unit")]
-    for name, count in Counter(names).items():
-        if count > 1:
-            yield f"unit '{name}' is defined {count} times"
+    for name, count in _repeated(names):
+        yield f"unit '{name}' is defined {count} times"
     for unit in fmu.root.iterfind("UnitDefinitions/Unit"):
         shown = [display.get("name") for display in unit.iterfind("DisplayUnit")]
-        for name, count in Counter(shown).items():
-            if count > 1:
-                yield f"display unit '{name}' of '{unit.get('name')}' is defined {count} times"
+        for name, count in _repeated(shown):
+            yield f"display unit '{name}' of '{unit.get('name')}' is defined {count} times"
         for element in (*unit.iterfind("BaseUnit"), *unit.iterfind("DisplayUnit")):
             try:
                 factor = float(element.get("factor", "1"))
@@ -140,8 +136,7 @@ def _units(fmu: Fmu) -> Iterator[str]:
                 continue
             if factor == 0.0 or not math.isfinite(factor):
                 yield f"the factor of '{element.get('name') or unit.get('name')}' is {factor}"
-    model = Model(fmu)
-    for scalar in model.scalars:
+    for scalar in fmu.scalars:
         unit, shown_unit = scalar.inherited("unit"), scalar.inherited("displayUnit")
         if scalar.type == "Real" and unit is not None and unit not in names:
             yield f"unit '{unit}' of '{scalar.name}' is not defined"
@@ -151,8 +146,7 @@ def _units(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C4.base_units", "warning", "every unit says what it is made of, and is used")
 def _base_units(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
-    used = {scalar.inherited("unit") for scalar in model.scalars}
+    used = {scalar.inherited("unit") for scalar in fmu.scalars}
     made: dict[str, tuple[str | None, ...]] = {}
     for unit in fmu.root.iterfind("UnitDefinitions/Unit"):
         name, base = unit.get("name", ""), unit.find("BaseUnit")
@@ -168,15 +162,14 @@ def _base_units(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C5.types", "error", "declared types exist, fit, and have names of their own")
 def _types(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
+    scalars = fmu.scalars
     names = [t.get("name") for t in fmu.root.iterfind("TypeDefinitions/SimpleType")]
-    for name, count in Counter(names).items():
-        if count > 1:
-            yield f"type '{name}' is declared {count} times"
-    variables = {scalar.name for scalar in model.scalars}
+    for name, count in _repeated(names):
+        yield f"type '{name}' is declared {count} times"
+    variables = {scalar.name for scalar in scalars}
     for name in sorted(variables & set(names)):
         yield f"'{name}' is both a type and a variable"
-    for scalar in model.scalars:
+    for scalar in scalars:
         declared = scalar.typed.get("declaredType")
         if declared is None:
             continue
@@ -184,7 +177,7 @@ def _types(fmu: Fmu) -> Iterator[str]:
             yield f"the type '{declared}' of '{scalar.name}' does not exist"
         elif scalar.declared.tag != scalar.type:
             yield f"'{scalar.name}' is {scalar.type}, its type '{declared}' {scalar.declared.tag}"
-    for name, typed in model.types.items():
+    for name, typed in fmu.types.items():
         items = [item.get("value") for item in typed.iterfind("Item")]
         if len(set(items)) != len(items):
             yield f"two items of the enumeration '{name}' have one value"
@@ -193,9 +186,8 @@ def _types(fmu: Fmu) -> Iterator[str]:
 @FILES.check("C6.categories", "error", "log categories are unique")
 def _categories(fmu: Fmu) -> Iterator[str]:
     names = [c.get("name") for c in fmu.root.iterfind("LogCategories/Category")]
-    for name, count in Counter(names).items():
-        if count > 1:
-            yield f"log category '{name}' is declared {count} times"
+    for name, count in _repeated(names):
+        yield f"log category '{name}' is declared {count} times"
 
 
 @FILES.check("C6.standard", "warning", "log categories are declared and have the standard's names")
@@ -209,9 +201,8 @@ def _standard_categories(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C7.experiment", "warning", "the default experiment is there and in order")
 def _experiment(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
     start, stop, step, tolerance = (
-        model.experiment(name) for name in ("startTime", "stopTime", "stepSize", "tolerance")
+        fmu.experiment(name) for name in ("startTime", "stopTime", "stepSize", "tolerance")
     )
     if step is None:
         yield "DefaultExperiment has no stepSize, so a host has to guess the sample period"
@@ -227,14 +218,13 @@ def _experiment(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C8.unique", "error", "names of variables are unique")
 def _unique(fmu: Fmu) -> Iterator[str]:
-    for name, count in Counter(scalar.name for scalar in Model(fmu).scalars).items():
-        if count > 1:
-            yield f"{count} variables are called '{name}'"
+    for name, count in _repeated(scalar.name for scalar in fmu.scalars):
+        yield f"{count} variables are called '{name}'"
 
 
 @FILES.check("C8.ports", "warning", "inputs and outputs are single identifiers")
 def _ports(fmu: Fmu) -> Iterator[str]:
-    for scalar in Model(fmu).scalars:
+    for scalar in fmu.scalars:
         if scalar.causality in {"input", "output"} and not _SINGLE.fullmatch(scalar.name):
             yield f"{scalar.causality} '{scalar.name}' becomes a bus or a renamed port in Simulink"
 
@@ -242,7 +232,7 @@ def _ports(fmu: Fmu) -> Iterator[str]:
 @FILES.check("C8.arrays", "warning", "array indices run from 1 without gaps")
 def _arrays(fmu: Fmu) -> Iterator[str]:
     arrays: dict[str, list[int]] = {}
-    for scalar in Model(fmu).scalars:
+    for scalar in fmu.scalars:
         found = re.fullmatch(r"(.*)\[(\d+)\]", scalar.name)
         if found:
             arrays.setdefault(found[1], []).append(int(found[2]))
@@ -254,7 +244,7 @@ def _arrays(fmu: Fmu) -> Iterator[str]:
 @FILES.check("C9.legal", "error", "causality, variability, initial and start go together")
 def _legal(fmu: Fmu) -> Iterator[str]:
     independent = 0
-    for scalar in Model(fmu).scalars:
+    for scalar in fmu.scalars:
         pair, initial = (scalar.causality, scalar.variability), scalar.initial
         has_start = scalar.typed.get("start") is not None
         independent += scalar.causality == "independent"
@@ -279,7 +269,7 @@ def _legal(fmu: Fmu) -> Iterator[str]:
 def _model_exchange_only(fmu: Fmu) -> Iterator[str]:
     if fmu.root.find("ModelExchange") is not None:
         raise Skip("the FMU is for model exchange, too")
-    for scalar in Model(fmu).scalars:
+    for scalar in fmu.scalars:
         if scalar.element.get("canHandleMultipleSetPerTimeInstant") is not None:
             yield f"'{scalar.name}' has canHandleMultipleSetPerTimeInstant"
         if scalar.typed.get("reinit", "false") in TRUE:
@@ -288,7 +278,7 @@ def _model_exchange_only(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C10.limits", "error", "min <= start <= max, all of them finite numbers")
 def _limits(fmu: Fmu) -> Iterator[str]:
-    for scalar in Model(fmu).scalars:
+    for scalar in fmu.scalars:
         if scalar.type not in {"Real", "Integer", "Enumeration"}:
             continue
         low, high = scalar.number("min", -math.inf), scalar.number("max", math.inf)
@@ -304,10 +294,10 @@ def _limits(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C11.aliases", "error", "at most one alias can be set; all have one unit and start")
 def _aliases(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
+    scalars = fmu.scalars
     sets: dict[tuple[str, str | None], list[str]] = {}
-    by_name = {scalar.name: scalar for scalar in model.scalars}
-    for scalar in model.scalars:
+    by_name = {scalar.name: scalar for scalar in scalars}
+    for scalar in scalars:
         sets.setdefault((scalar.type, scalar.element.get("valueReference")), []).append(scalar.name)
     for names in sets.values():
         if len(names) < 2:
@@ -326,10 +316,15 @@ def _aliases(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C13.descriptions", "warning", "every variable has a description")
 def _descriptions(fmu: Fmu) -> Iterator[str]:
-    lacking = [s.name for s in Model(fmu).scalars if not s.element.get("description")]
+    lacking = [s.name for s in fmu.scalars if not s.element.get("description")]
     if lacking:
         yield f"{len(lacking)} variables have none: {', '.join(lacking[:6])}"
     for element in fmu.root.iter():
         if "\N{REPLACEMENT CHARACTER}" in "".join(element.attrib.values()):
             yield f"line {element.sourceline}: a character was lost in some encoding"
-    yield Note(f"{len(Model(fmu).scalars)} variables")
+    yield Note(f"{len(fmu.scalars)} variables")
+
+
+def _repeated(names: Iterable[str]) -> Iterator[tuple[str, int]]:
+    """Yield the names that stand there more than once, and how often."""
+    return ((name, count) for name, count in Counter(names).items() if count > 1)

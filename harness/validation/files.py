@@ -2,27 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
+import math
 import zipfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Any
 
+from fmu_src.errors import SteadytipError
 from harness.common.archives import ArchiveError, read
-from harness.common.errors import SteadytipError
 from harness.common.xml_files import MOST_BYTES, parse_xml
 from harness.validation.checks import Failure, Skip
+from harness.validation.variables import TRUE, TYPES, Scalar
 
 __all__ = ["DESCRIPTION", "VERSION", "Fmu"]
 
 DESCRIPTION = "modelDescription.xml"
 VERSION = "2.0"
 """Of FMI; the checklist is for no other."""
+_DEFAULT_STEP = 1e-3
+"""Communication step of an FMU that names none [s]."""
 
 
 @dataclass(frozen=True)
 class Fmu:
-    """Subject of the checks on files.
+    """FMU as a file: subject of the checks on files.
 
     Attributes:
         path: the archive.
@@ -49,7 +54,7 @@ class Fmu:
         return [info.orig_filename for info in self.infos if not info.is_dir()]
 
     def content(self, member: str, most_bytes: int = MOST_BYTES) -> bytes:
-        """One file.
+        """Read one file.
 
         Raises:
             Failure: it cannot be read.
@@ -75,7 +80,7 @@ class Fmu:
         return root
 
     def parsed(self) -> Any:
-        """Root element of the description.
+        """Parse the description and return its root element.
 
         Raises:
             Failure: why it cannot be read.
@@ -106,7 +111,7 @@ class Fmu:
 
     @cached_property
     def binaries(self) -> dict[str, str]:
-        """The FMU's own binary of each platform's folder that has one, by folder."""
+        """Path of the FMU's own binary, by platform folder."""
         found = {}
         for member in self.members:
             parts = member.split("/")
@@ -115,3 +120,66 @@ class Fmu:
                 if base == self.identifier and ending in {"so", "dll", "dylib"}:
                     found[parts[1]] = member
         return found
+
+    @cached_property
+    def types(self) -> dict[str, Any]:
+        """Typed elements of the declared types by name."""
+        declared = self.root.iterfind("TypeDefinitions/SimpleType")
+        return {element.get("name"): element[0] for element in declared if len(element)}
+
+    @cached_property
+    def scalars(self) -> list[Scalar]:
+        """All variables, in their order.
+
+        Raises:
+            Skip: the FMU is not for co-simulation.
+        """
+        self.simulation  # noqa: B018 - skips where there is none
+        found = []
+        for index, element in enumerate(self.root.iterfind("ModelVariables/ScalarVariable"), 1):
+            typed = next((child for child in element if child.tag in TYPES), None)
+            if typed is not None:
+                declared = self.types.get(typed.get("declaredType"))
+                found.append(Scalar(element, typed, declared, index))
+        return found
+
+    def flag(self, name: str) -> bool:
+        """Return a capability of CoSimulation."""
+        return self.simulation.get(name, "false") in TRUE
+
+    def experiment(self, name: str) -> float | None:
+        """Return a number of DefaultExperiment, or None."""
+        self.simulation  # noqa: B018 - skips where there is none
+        element = self.root.find("DefaultExperiment")
+        text: Any = element.get(name) if element is not None else None
+        with contextlib.suppress(TypeError, ValueError):
+            number = float(text)
+            return number if math.isfinite(number) else None
+        return None
+
+    def description_facts(self) -> dict[str, Any]:
+        """Return what a probe has to know of the description; JSON types.
+
+        Raises:
+            Skip: a variable's value reference is no number.
+        """
+        step = self.experiment("stepSize")
+        try:
+            variables = [scalar.entry() for scalar in self.scalars]
+        except (TypeError, ValueError):
+            raise Skip("a variable has no valid value reference") from None
+        return {
+            "guid": self.root.get("guid", ""),
+            "step": step if step and step > 0 else _DEFAULT_STEP,
+            "start": self.experiment("startTime") or 0.0,
+            "variable_step": self.flag("canHandleVariableCommunicationStepSize"),
+            "has_state": self.flag("canGetAndSetFMUstate"),
+            "can_serialise": self.flag("canSerializeFMUstate"),
+            "has_derivatives": self.flag("providesDirectionalDerivative"),
+            "only_once": self.flag("canBeInstantiatedOnlyOncePerProcess"),
+            "model_exchange": self.root.find("ModelExchange") is not None,
+            "has_resources": any(m.startswith("resources/") for m in self.members),
+            "categories": [c.get("name", "") for c in self.root.iterfind("LogCategories/Category")],
+            "one": 1.0,
+            "variables": variables,
+        }

@@ -5,11 +5,13 @@ Enumerations are C ints, strings `c_char_p`, every pointer that a probe may want
 """
 
 from ctypes import c_char_p, c_double, c_int, c_size_t, c_void_p
+from enum import IntEnum
 from typing import Any
 
-__all__ = ["SIGNATURES", "STATUS"]
+__all__ = ["SIGNATURES", "Status"]
 
-STATUS = ("OK", "Warning", "Discard", "Error", "Fatal", "Pending")
+Status = IntEnum("Status", ["OK", "Warning", "Discard", "Error", "Fatal", "Pending"], start=0)
+"""fmi2Status."""
 
 _ARRAY = (c_void_p, c_size_t, c_void_p)
 """Value references, their number, values."""

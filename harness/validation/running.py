@@ -13,7 +13,6 @@ import time
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from pathlib import Path
-from types import TracebackType
 from typing import Any
 
 import fmpy
@@ -23,7 +22,6 @@ from harness.parts.description import platform_folders
 from harness.parts.isolated import ending
 from harness.validation import probes  # noqa: F401 - registers the checks
 from harness.validation.checks import Check, CheckOutcome, Skip
-from harness.validation.facts import Model
 from harness.validation.files import Fmu
 
 __all__ = ["run_probes"]
@@ -32,7 +30,7 @@ _PACKAGES = Path(__file__).parents[2]
 
 
 def run_probes(fmu: Fmu, checks: Sequence[Check], timeout: float) -> Iterator[CheckOutcome]:
-    """Probes, one after the other.
+    """Run probes, one after the other.
 
     Args:
         fmu: the file.
@@ -55,7 +53,7 @@ def run_probes(fmu: Fmu, checks: Sequence[Check], timeout: float) -> Iterator[Ch
 
 
 def _facts(fmu: Fmu, folder: Path) -> dict[str, Any]:
-    facts = Model(fmu).facts()
+    facts = fmu.description_facts()
     member = next((fmu.binaries[f] for f in platform_folders() if f in fmu.binaries), None)
     if member is None:
         raise Skip(f"the FMU has no binary for this machine ({platform_folders()[0]})")
@@ -87,16 +85,11 @@ class _Fresh:
     def __enter__(self) -> _Fresh:
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         pass
 
     def run(self, check: str, folder: Path, timeout: float) -> int | None:
-        """How a process ended that carried out a check; None if it had to be ended."""
+        """Run a check; return how its process ended, or None if it had to be ended."""
         with (folder / "stdout").open("wb") as out, (folder / "stderr").open("wb") as errors:
             process = subprocess.Popen(
                 [*self._command, check, folder],
@@ -116,7 +109,7 @@ class _Fresh:
 
 
 class _Forked(_Fresh):
-    """The same, forked from one that has all it needs imported: a tenth of the time to start."""
+    """Processes forked from one that has all imports done: a tenth of the time to start."""
 
     def __enter__(self) -> _Forked:
         self._server = subprocess.Popen(
@@ -128,17 +121,12 @@ class _Forked(_Fresh):
         )
         return self
 
-    def __exit__(
-        self,
-        kind: type[BaseException] | None,
-        error: BaseException | None,
-        trace: TracebackType | None,
-    ) -> None:
+    def __exit__(self, *_: object) -> None:
         self._server.kill()
         self._server.communicate()
 
     def run(self, check: str, folder: Path, timeout: float) -> int | None:
-        """How a process ended that carried out a check; None if it had to be ended."""
+        """Run a check; return how its process ended, or None if it had to be ended."""
         questions, answers = self._server.stdin, self._server.stdout
         assert questions is not None
         assert answers is not None
@@ -153,7 +141,7 @@ class _Forked(_Fresh):
                     os.kill(process, signal.SIGKILL)
         code = answers.readline()
         if not code:  # the probe has ended the one that it came from, too
-            self.__exit__(None, None, None)
+            self.__exit__()
             self.__enter__()
             return -signal.SIGKILL
         return int(code) if ended else None
@@ -170,7 +158,7 @@ def _run(check: Check, processes: _Fresh, folder: Path, timeout: float) -> Check
 
 
 def _ended(code: int | None, folder: Path, timeout: float) -> str:
-    """Why there is no result."""
+    """Explain why there is no result."""
     file = folder / "doing"
     doing = file.read_text(encoding="utf-8", errors="replace").strip() if file.exists() else ""
     where = f" in {doing}" if doing else ""

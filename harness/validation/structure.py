@@ -6,8 +6,8 @@ from collections.abc import Iterator
 from typing import Any
 
 from harness.validation.checks import FILES, Skip
-from harness.validation.facts import Model
 from harness.validation.files import Fmu
+from harness.validation.variables import Scalar
 
 _KINDS = {"dependent", "constant", "fixed", "tunable", "discrete"}
 _SECTIONS = ("Outputs", "Derivatives", "InitialUnknowns")
@@ -23,8 +23,10 @@ def _indices(fmu: Fmu, section: str) -> list[int]:
     return found
 
 
-def _compared(model: Model, section: str, found: list[int], wanted: list[int]) -> Iterator[str]:
-    names = {scalar.index: scalar.name for scalar in model.scalars}
+def _compared(
+    scalars: list[Scalar], section: str, found: list[int], wanted: list[int]
+) -> Iterator[str]:
+    names = {scalar.index: scalar.name for scalar in scalars}
     for index in sorted(set(wanted) - set(found)):
         yield f"{section} lacks '{names[index]}' (index {index})"
     for index in sorted(set(found) - set(wanted)):
@@ -35,28 +37,28 @@ def _compared(model: Model, section: str, found: list[int], wanted: list[int]) -
 
 @FILES.check("C12.outputs", "error", "ModelStructure/Outputs are all outputs, and only they")
 def _outputs(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
-    wanted = [s.index for s in model.scalars if s.causality == "output"]
-    yield from _compared(model, "Outputs", _indices(fmu, "Outputs"), wanted)
+    scalars = fmu.scalars
+    wanted = [s.index for s in scalars if s.causality == "output"]
+    yield from _compared(scalars, "Outputs", _indices(fmu, "Outputs"), wanted)
 
 
 @FILES.check("C12.initial_unknowns", "error", "InitialUnknowns are what initialisation computes")
 def _initial_unknowns(fmu: Fmu) -> Iterator[str]:
-    model = Model(fmu)
+    scalars = fmu.scalars
     computed = {"calculated", "approx"}
     derivatives = set(_indices(fmu, "Derivatives"))
     states = {
         int(s.typed.get("derivative"))
-        for s in model.scalars
+        for s in scalars
         if s.index in derivatives and (s.typed.get("derivative") or "").isdigit()
     }
     wanted = [
         s.index
-        for s in model.scalars
+        for s in scalars
         if s.initial in computed
         and (s.causality in {"output", "calculatedParameter"} or s.index in derivatives | states)
     ]
-    yield from _compared(model, "InitialUnknowns", _indices(fmu, "InitialUnknowns"), wanted)
+    yield from _compared(scalars, "InitialUnknowns", _indices(fmu, "InitialUnknowns"), wanted)
 
 
 @FILES.check("C12.ascending", "error", "indices and dependencies are in ascending order")
@@ -73,7 +75,7 @@ def _ascending(fmu: Fmu) -> Iterator[str]:
 
 @FILES.check("C12.dependencies", "error", "dependencies exist, and their kinds are as many")
 def _legal_dependencies(fmu: Fmu) -> Iterator[str]:
-    count = len(Model(fmu).scalars)
+    count = len(fmu.scalars)
     for section, unknown in _unknowns(fmu):
         where = f"{section}, index {unknown.get('index')}"
         numbers = _dependencies(unknown)

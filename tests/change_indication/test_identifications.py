@@ -7,7 +7,7 @@ import pytest
 from lxml import etree
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Runner
+from fmu_src.kit.runner import Runner
 from plants import piezo_stack
 from tests.change_indication.conftest import Check
 from tests.command import steadytip

@@ -8,8 +8,13 @@ from functools import cache
 import numpy as np
 import pytest
 
-from fmu_src.pack.build import load_model
-from harness.reproduce.experiments.augmentation import ALONE, SETTINGS_E13, followed, recorded
+from fmu_src.pack.discovery import load_model
+from harness.reproduce.experiments.augmentation import (
+    SETTINGS_E13,
+    TRACKER_ALONE,
+    errors_by_step,
+    recorded,
+)
 from harness.reproduce.experiments.broad import FOLDER, THINNED, TRIALS, read_trial
 from harness.reproduce.experiments.pose import SETTINGS, follow, occlusions
 from harness.reproduce.item import Context
@@ -82,7 +87,7 @@ def test_the_tracker_alone_for_scale(data_dir, trial) -> None:
     """Constant velocity, in all trials: 0.85 to 3.0 mm and 1.03 to 3.4 deg."""
     trial("02")
     for motion in recorded(Context(data=data_dir), THINNED, list(TRIALS)):
-        found = followed(ALONE, motion)
+        found = errors_by_step(TRACKER_ALONE, motion)
         position = 1e3 * found.rms("position", None).max()
         attitude = np.degrees(found.rms("attitude", None).max())
         assert 0.8 < position < 3.1

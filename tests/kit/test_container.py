@@ -7,8 +7,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.container import Link, Member, contain
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, integer, real
 from fmu_src.kit.runner import Runner
 

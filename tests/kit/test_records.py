@@ -5,7 +5,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, integer, real
 from fmu_src.kit.runner import Runner
 

@@ -14,7 +14,8 @@ from hypothesis import strategies as st
 from fmu_src.controller.interface import FORECASTER
 from fmu_src.device import design
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, Scalar, real
 from fmu_src.kit.runner import Runner
 from fmu_src.pack import compiled_runner as compiled

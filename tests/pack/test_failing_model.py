@@ -5,7 +5,8 @@ import fmpy
 import pytest
 from fmpy.fmi1 import FMICallException
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, real
 from fmu_src.pack.compiler import host
 from fmu_src.pack.fmu import archive, native

@@ -19,8 +19,8 @@ def ranked(hands):
     """Column of a filter, by name and delay [s], on the recorded hands."""
     known = tremor.filters()
 
-    def column(name: str, delay: float) -> tremor.Column:
+    def column(name: str, delay: float) -> tremor.FilterScores:
         each = known[name]
-        return tremor.Column([tremor.score(hand, each.tremor(hand, delay)) for hand in hands])
+        return tremor.FilterScores([tremor.score(hand, each.tremor(hand, delay)) for hand in hands])
 
     return column

@@ -9,7 +9,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import interpolate, signal
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.runner import Runner
 from fmu_src.tremor import bmflc, bmflc_kf, oscillators
 from harness.recordings.motion import read_recording, recordings

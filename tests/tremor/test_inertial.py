@@ -11,7 +11,7 @@ from fmu_src.pack.compiled_runner import CompiledRunner
 from fmu_src.tremor import inertial, inertial_forecaster, inertial_oscillators
 from harness.recordings.motion import read_recording, recordings
 from harness.reproduce.experiments import inertial as bench
-from harness.reproduce.experiments.tremor import Column, score
+from harness.reproduce.experiments.tremor import FilterScores, score
 
 T = 1e-3
 MODELS = {
@@ -159,7 +159,7 @@ def test_nobody_holds_it(name):
 def test_recorded_hands(sensed):
     """Forecaster: mean of ten and worst, a-posteriori and in-band [%]."""
     noise, hands = sensed
-    column = Column([score(hand, tremor("InertialForecaster", hand)) for hand in hands])
+    column = FilterScores([score(hand, tremor("InertialForecaster", hand)) for hand in hands])
     print(f"\nnoise {noise:.2f}: mean {column.mean}, worst {column.worst}")
     mean, worst = ((44.0, 51.2), (34, 41)) if noise == 1 else ((27, 33), (12, 15))
     assert (column.mean.a_posteriori, column.mean.in_band) >= mean

@@ -58,7 +58,8 @@ from fmu_src.estimation.micron.sample import Sample, compensate
 from fmu_src.estimation.micron.start import Start, follow_start
 from fmu_src.estimation.micron.vertical import Vertical, correct_tilt
 from fmu_src.filters import triad
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
 from fmu_src.math import rotations
 

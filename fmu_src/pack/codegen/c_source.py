@@ -16,9 +16,8 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Model
 from fmu_src.kit.container import Container
-from fmu_src.kit.model import symbols_in
+from fmu_src.kit.model import Model, symbols_in
 from fmu_src.kit.records import Field, Scalar
 from fmu_src.pack.codegen import container_wiring as wiring
 from fmu_src.pack.codegen.optimise import optimise, rewrite

@@ -18,7 +18,7 @@ from lxml import etree
 
 from fmu_src import __version__
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack.codegen import c_source as csource
 from fmu_src.pack.docs import icon, page
 from fmu_src.pack.fmu import reference

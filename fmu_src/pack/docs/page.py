@@ -13,8 +13,9 @@ from markdown_it import MarkdownIt
 from markupsafe import Markup
 
 from fmu_src import __version__
-from fmu_src.kit import Model, Record
 from fmu_src.kit.container import Container
+from fmu_src.kit.model import Model
+from fmu_src.kit.records import Record
 from fmu_src.pack.docs import icon, response, variables
 from fmu_src.pack.fmu import reference
 from fmu_src.pack.fmu.description import COPYRIGHT, LICENSE

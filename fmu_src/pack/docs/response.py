@@ -24,7 +24,7 @@ from typing import Any
 import numpy as np
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Scalar
 from fmu_src.kit.runner import Runner
 from fmu_src.pack.compiled_runner import CompiledRunner

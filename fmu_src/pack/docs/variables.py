@@ -6,7 +6,7 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Field, Record
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from lxml import etree
 
 from fmu_src import RELEASED, __version__
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Scalar
 from fmu_src.kit.units import OFFSETS, base_exponents
 

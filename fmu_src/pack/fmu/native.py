@@ -3,7 +3,7 @@
 import struct
 from collections.abc import Sequence
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack.codegen import c_source
 from fmu_src.pack.compiler import TARGETS, ZigTarget, compile_library
 from fmu_src.pack.fmu.description import describe

@@ -9,7 +9,8 @@ import tempfile
 from pathlib import Path
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model, noise
+from fmu_src.kit import noise
+from fmu_src.kit.model import Model
 from fmu_src.pack.fmu import archive
 from fmu_src.pack.fmu.description import describe
 

@@ -20,7 +20,7 @@ from functools import cache
 import numpy as np
 from lxml import etree
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Scalar
 from fmu_src.kit.runner import Runner
 from fmu_src.pack.fmu.description import DEFAULT_SAMPLES

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from fmu_src.pack.build import model_names
+from fmu_src.pack.discovery import model_names
 from harness.bench import probes
 from harness.bench.session import Bench
 from harness.bench.timing import counting
@@ -22,26 +22,26 @@ _STATES = ("without a cache", "with a cache", "up to date")
 
 @pytest.fixture(scope="module")
 def spent(folder: Path, quick: bool) -> dict[str, dict[str, float]]:
-    """Seconds by state and model."""
+    """Return seconds by state and model."""
     place = folder / "build"
     place.mkdir()
     names = [name for name in (_QUICK if quick else model_names()) if name != _FIRST]
-    probes.alone(probes.builds, place, [_FIRST])
-    cold = probes.alone(probes.builds, place, names)
+    probes.in_new_process(probes.builds, place, [_FIRST])
+    cold = probes.in_new_process(probes.builds, place, names)
     shutil.rmtree(place / "build" / "fmus")
-    found = (cold, *(probes.alone(probes.builds, place, names) for _ in range(2)))
+    found = (cold, *(probes.in_new_process(probes.builds, place, names) for _ in range(2)))
     return dict(zip(_STATES, found, strict=True))
 
 
 @pytest.mark.parametrize("state", _STATES)
 @pytest.mark.parametrize("name", model_names())
 def bench_build(bench: Bench, name: str, state: str, spent: dict[str, dict[str, float]]) -> None:
-    """One FMU."""
+    """Build one FMU."""
     if name in spent[state]:
         bench.time(name, state, counting(lambda: spent[state][name]), unit="s", rounds=1)
 
 
 def bench_all(bench: Bench, spent: dict[str, dict[str, float]]) -> None:
-    """Of them together."""
+    """Sum the builds of each state."""
     for state, seconds in spent.items():
         bench.add(f"all {len(seconds)}", state, sum(seconds.values()), "s")

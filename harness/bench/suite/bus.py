@@ -1,4 +1,4 @@
-"""What stands beside the loop on the wall clock: CAN transports and the monitor.
+"""CAN transports and the monitor, beside the loop on the wall clock.
 
 Frames go between two processes that do nothing else, three a sample at 1 kHz; a time on the way is
 from before `send` to after `recv`. `virtual`, of python-can, joins two threads. The monitor's page
@@ -17,12 +17,12 @@ _SHORTEST = 4.0  # s
 
 @pytest.mark.parametrize("name", transports.NAMES)
 def bench_transport(bench: Bench, name: str, tmp_path: Path) -> None:
-    """Frames between two processes that do nothing else."""
+    """Send frames between two processes that do nothing else."""
     for figure in transports.figures(name, tmp_path, bench.seconds / 4):
-        bench.take("transport", name, figure.quantity, figure)
+        bench.add_figure("transport", name, figure.quantity, figure)
 
 
 def bench_monitor(bench: Bench, tmp_path: Path) -> None:
-    """A page that is looked at beside a writer of rows."""
+    """Look at a page beside a writer of rows."""
     for figure in monitor.figures(tmp_path, max(bench.seconds / 2, _SHORTEST)):
-        bench.take("monitor", "", figure.quantity, figure)
+        bench.add_figure("monitor", "", figure.quantity, figure)

@@ -12,9 +12,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.bench.samples import Case
+from harness.bench.samples import StepCase
 from harness.bench.session import Bench
-from harness.bench.stepper import Stepped
+from harness.bench.stepper import SteppedFmu
 from harness.bench.timing import counting
 from harness.parts.fmu import FmuPart
 from harness.running import run as run_scenario
@@ -31,7 +31,7 @@ _WANTED = "at least 300"
 
 @pytest.fixture(scope="module")
 def run(folder: Path, quick: bool) -> Callable[[str], Any]:
-    """Runs one of the two; its result."""
+    """Return a function that runs one of the two and returns its result."""
 
     def run(row: str) -> Any:
         overrides = {"seconds": 1.0 if quick else _SECONDS, "settle": 0.0}
@@ -44,26 +44,26 @@ def run(folder: Path, quick: bool) -> Callable[[str], Any]:
 
 
 @pytest.fixture(scope="module")
-def case(run: Callable[[str], Any], quick: bool) -> Case:
-    """The container, which has no inputs."""
+def case(run: Callable[[str], Any], quick: bool) -> StepCase:
+    """Return the container, which has no inputs."""
     system = fuse(assemble(load(_SCENARIO)))
     (part,) = system.parts.values()
     assert isinstance(part, FmuPart)
     count = 500 if quick else 5000
     table = np.empty((count, 0))
     step = system.scenario.step
-    return Case(_FUSED, part.description, part.start_values, (), table, step, _SCENARIO)
+    return StepCase(_FUSED, part.description, part.start_values, (), table, step, _SCENARIO)
 
 
 def factor(bench: Bench, row: str, spent: list[float], step: float) -> None:
-    """Of ticks that took so long [us]."""
+    """Add the real-time factor of ticks that took so long [us]."""
     wanted = "" if row == _APART else _WANTED
     bench.add(row, _FACTOR, [1e6 * step / each for each in spent], "", wanted=wanted)
 
 
 @pytest.mark.parametrize("row", [_APART, _FUSED])
 def bench_tick(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> None:
-    """The ticks of a run."""
+    """Measure the ticks of a run."""
     metadata = run(row).metadata
     whole = counting(lambda: float(run(row).metadata["wall"]))
     spent = bench.time(row, _TICK, whole, per=metadata["ticks"], rounds=1, best=True)
@@ -72,10 +72,10 @@ def bench_tick(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> 
         bench.ratio(_APART, "over the container's", (_APART, _TICK), (_FUSED, _TICK))
 
 
-def bench_from_c(bench: Bench, turn: int, case: Case, tmp_path: Path) -> None:
-    """Samples of the container."""
+def bench_from_c(bench: Bench, turn: int, case: StepCase, tmp_path: Path) -> None:
+    """Measure samples of the container."""
     count = len(case.table)
-    with Stepped(case, tmp_path) as fmu:
+    with SteppedFmu(case, tmp_path) as fmu:
         spent = bench.time(
             _FROM_C, _TICK, lambda: fmu.samples(0, count), per=count, rounds=1, best=True
         )
@@ -84,6 +84,6 @@ def bench_from_c(bench: Bench, turn: int, case: Case, tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("row", [_APART, _FUSED])
 def bench_run(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> None:
-    """From scenario to metrics."""
+    """Measure a run from scenario to metrics."""
     length = f"a whole run of {1.0 if bench.quick else _SECONDS:g} s"
     bench.time(row, length, lambda: run(row), unit="s", rounds=1)

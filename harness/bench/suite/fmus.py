@@ -14,9 +14,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from harness.bench.samples import Case, cases, names
+from harness.bench.samples import StepCase, cases, names
 from harness.bench.session import Bench
-from harness.bench.stepper import Stepped
+from harness.bench.stepper import SteppedFmu
 from harness.common.types import FloatArray
 
 _TONES = "TremorCanceller (tremor_filter = 1)"
@@ -36,8 +36,8 @@ Spent = dict[str, list[FloatArray]]
 
 
 @pytest.fixture(scope="module")
-def known(folder: Path, quick: bool) -> dict[str, Case]:
-    """What FMUs are measured with."""
+def known(folder: Path, quick: bool) -> dict[str, StepCase]:
+    """Return the cases that FMUs are measured with."""
     place = folder / "samples"
     place.mkdir()
     return {case.name: case for case in cases(place, 0.5 if quick else 4.0)}
@@ -51,15 +51,15 @@ def spent() -> Spent:
 
 @pytest.mark.parametrize("name", names())
 def bench_from_c(
-    bench: Bench, turn: int, name: str, known: dict[str, Case], spent: Spent, tmp_path: Path
+    bench: Bench, turn: int, name: str, known: dict[str, StepCase], spent: Spent, tmp_path: Path
 ) -> None:
-    """All samples of the run."""
+    """Measure all samples of the run."""
     case = known[name]
     for column in _STATISTICS:  # in this order, to be filled at the end
         wanted = _WANTED.get((name, column), "")
         bench.add(name, column, [], "us", setting=case.setting, wanted=wanted)
     room = np.empty(len(case.table))
-    with Stepped(case, tmp_path) as fmu:
+    with SteppedFmu(case, tmp_path) as fmu:
         bench.time(
             name,
             "whole passes",
@@ -73,12 +73,12 @@ def bench_from_c(
 
 @pytest.mark.parametrize("name", names())
 def bench_from_python(
-    bench: Bench, turn: int, name: str, known: dict[str, Case], tmp_path: Path
+    bench: Bench, turn: int, name: str, known: dict[str, StepCase], tmp_path: Path
 ) -> None:
-    """Some hundred samples of the run."""
+    """Measure some hundred samples of the run."""
     case = known[name]
     rows, period = case.table[:_ROWS], case.period
-    with Stepped(case, tmp_path) as fmu:
+    with SteppedFmu(case, tmp_path) as fmu:
         u, advance = fmu.u, fmu.advance
 
         def samples() -> None:
@@ -90,7 +90,7 @@ def bench_from_python(
 
 
 def bench_samples(bench: Bench, spent: Spent) -> None:
-    """Of all passes."""
+    """Compute the statistics of all passes."""
     for name, passes in spent.items():
         least = 1e6 * np.min(passes, axis=0)
         for column, statistic in _STATISTICS.items():

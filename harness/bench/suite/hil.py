@@ -13,29 +13,29 @@ _PACING = 2.0  # s, longest
 
 
 def words(priority: int) -> str:
-    """How a thread is scheduled."""
+    """Return how a thread is scheduled."""
     return f"priority {priority}" if priority else "ordinary thread"
 
 
 @pytest.mark.parametrize("priority", speed.PRIORITIES, ids=words)
 @pytest.mark.parametrize("link", speed.LINKS, ids=str)
 def bench_loop(bench: Bench, link: speed.Link, priority: int) -> None:
-    """Latency and wake-up on each transport."""
+    """Measure latency and wake-up on each transport."""
     for figure in speed.loop_figures(link, priority, bench.seconds):
-        bench.take("loop", f"{link}, {words(priority)}", figure.quantity, figure)
+        bench.add_figure("loop", f"{link}, {words(priority)}", figure.quantity, figure)
 
 
 @pytest.mark.parametrize("priority", speed.PRIORITIES, ids=words)
 def bench_pacing(bench: Bench, priority: int) -> None:
-    """How late a loop comes back from waiting."""
+    """Measure how late a loop comes back from waiting."""
     for figure in speed.pacing_figures(priority, min(bench.seconds, _PACING)):
         what, _, statistic = figure.quantity.rpartition(", ")
-        bench.take("pacing", f"{what}, {words(priority)}", statistic, figure)
+        bench.add_figure("pacing", f"{what}, {words(priority)}", statistic, figure)
 
 
 @pytest.mark.parametrize("dbc", speed.DBCS)
 def bench_codec(bench: Bench, dbc: str) -> None:
-    """Each message of a DBC file."""
+    """Measure each message of a DBC file."""
     for figure in speed.codec_figures(dbc):
         verb, _, message = figure.quantity.partition(" ")
-        bench.take("codec", message, verb, figure)
+        bench.add_figure("codec", message, verb, figure)

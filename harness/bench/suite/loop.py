@@ -19,10 +19,10 @@ from pathlib import Path
 
 import pytest
 
-from harness.bench.other_hosts import OPENERS, Contender
+from fmu_src.errors import SteadytipError
+from harness.bench.other_hosts import OPENERS, HostProcess
 from harness.bench.session import Bench
 from harness.bench.timing import counting
-from harness.common.errors import SteadytipError
 from harness.scenario.load import load
 from harness.ssp.export import export
 
@@ -33,35 +33,37 @@ _LONGER = 10
 
 
 @pytest.fixture(scope="module")
-def contenders(folder: Path) -> Iterator[dict[str, Contender | str]]:
-    """All that can be had, open; of others, why not."""
+def host_processes(folder: Path) -> Iterator[dict[str, HostProcess | str]]:
+    """Open all loops; for those that cannot be opened, say why."""
     ssp = export(_SCENARIO, folder / f"{_SCENARIO}.ssp")
-    found: dict[str, Contender | str] = {}
+    found: dict[str, HostProcess | str] = {}
     for index, name in enumerate(OPENERS):
         place = folder / f"contender{index}"
         place.mkdir()
         try:
-            found[name] = Contender(name, _SCENARIO, ssp, place)
+            found[name] = HostProcess(name, _SCENARIO, ssp, place)
         except SteadytipError as error:
             found[name] = str(error)
     yield found
     for each in found.values():
-        if isinstance(each, Contender):
+        if isinstance(each, HostProcess):
             each.close()
 
 
 @pytest.mark.parametrize("name", OPENERS)
-def bench_tick(bench: Bench, turn: int, name: str, contenders: dict[str, Contender | str]) -> None:
-    """Some thousand ticks."""
-    contender = contenders[name]
-    if isinstance(contender, str):
-        pytest.skip(contender)
+def bench_tick(
+    bench: Bench, turn: int, name: str, host_processes: dict[str, HostProcess | str]
+) -> None:
+    """Measure some thousand ticks."""
+    process = host_processes[name]
+    if isinstance(process, str):
+        pytest.skip(process)
     ticks = 500 if bench.quick else 2000
     step = load(_SCENARIO).step
     spent = bench.time(
         name,
         _TICK,
-        counting(lambda: contender.block(ticks)),
+        counting(lambda: process.block(ticks)),
         per=ticks,
         rounds=1,
         warmup=int(turn == 0),
@@ -74,11 +76,11 @@ def bench_tick(bench: Bench, turn: int, name: str, contenders: dict[str, Contend
         bench.ratio(name, _RATIO, (name, _TICK), (_OWN, _TICK), wanted)
 
 
-def bench_longer(bench: Bench, turn: int, contenders: dict[str, Contender | str]) -> None:
-    """Whether the cost is linear in steps."""
-    contender = contenders[_OWN]
-    assert isinstance(contender, Contender)
+def bench_longer(bench: Bench, turn: int, host_processes: dict[str, HostProcess | str]) -> None:
+    """Test whether the cost is linear in steps."""
+    process = host_processes[_OWN]
+    assert isinstance(process, HostProcess)
     ticks = (500 if bench.quick else 2000) * _LONGER
     row = f"{_OWN}, {_LONGER} times as long"
-    bench.time(row, _TICK, counting(lambda: contender.block(ticks)), per=ticks, rounds=1, best=True)
+    bench.time(row, _TICK, counting(lambda: process.block(ticks)), per=ticks, rounds=1, best=True)
     bench.ratio(row, _RATIO, (row, _TICK), (_OWN, _TICK), "1: linear in steps")

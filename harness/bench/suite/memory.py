@@ -19,9 +19,9 @@ _KIBI = 1024.0
 
 
 def bench_instances(bench: Bench) -> None:
-    """Of each FMU."""
+    """Measure each FMU."""
     count = 5 if bench.quick else 50
-    found = probes.alone(probes.instances, pack.build(), count)
+    found = probes.in_new_process(probes.instances, pack.build(), count)
     for name, sizes in found.items():
         for column, size in zip(("first", "each further"), sizes, strict=True):
             setting = f"{count} instances beside the first"
@@ -29,11 +29,11 @@ def bench_instances(bench: Bench) -> None:
 
 
 def bench_runs(bench: Bench) -> None:
-    """Of runs in one process, and of a long one."""
+    """Measure runs in one process, and a long one."""
     count, short, longer = (4, 0.5, 10.0) if bench.quick else (20, _SHORT, _LONG)
-    sizes, _ = probes.alone(probes.runs, _SCENARIO, short, count)
+    sizes, _ = probes.in_new_process(probes.runs, _SCENARIO, short, count)
     late = [b - a for a, b in pairwise(sizes[-(count // 2) - 1 :])]
-    (_, after), ticking = probes.alone(probes.runs, _SCENARIO, longer, 1)
+    (_, after), ticking = probes.in_new_process(probes.runs, _SCENARIO, longer, 1)
     several = f"{count} runs of {short:g} s in one process"
     long = f"{longer:g} s, the first run of its process"
     for row, value, unit, setting, wanted in (

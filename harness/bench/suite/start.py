@@ -45,7 +45,7 @@ _WANTED = {"steadytip --help": "at most 0.3 s", "steadytip run, to its first ste
 
 @pytest.fixture(scope="module")
 def place(folder: Path) -> Path:
-    """For what runs leave; their FMUs are built."""
+    """Return a folder for the files of runs, whose FMUs are built."""
     pack.build({table.settings["fmu"] for table in scenario.load("closed_loop").parts.values()})
     made = folder / "start"
     made.mkdir()
@@ -63,7 +63,7 @@ def started(arguments: Sequence[str], place: Path) -> None:
 
 @pytest.mark.parametrize("what", _ARGUMENTS)
 def bench_start(bench: Bench, turn: int, what: str, place: Path) -> None:
-    """From the start of the process to its end."""
+    """Measure from the start of the process to its end."""
     bench.time(
         what,
         "",

@@ -23,13 +23,13 @@ _SECONDS = 10.0
 
 @pytest.fixture(scope="module")
 def built() -> None:
-    """The container is there."""
+    """Build the container."""
     throughput(1, 1, 1.0)
 
 
 @pytest.mark.parametrize("row", _ROWS)
 def bench_sweep(bench: Bench, turn: int, row: str, built: None) -> None:
-    """Some ten runs for each worker."""
+    """Measure some ten runs for each worker."""
     workers, fuse = _ROWS[row]
     cores = os.cpu_count() or 1
     if workers > cores:
@@ -54,7 +54,7 @@ def bench_sweep(bench: Bench, turn: int, row: str, built: None) -> None:
 
 
 def bench_machine(bench: Bench, turn: int) -> None:
-    """What two processes that share nothing reach over one."""
+    """Measure what two processes that share nothing reach over one."""
     seconds = 0.2 if bench.quick else 1.0
-    one, two = (probes.spun(seconds, processes) for processes in (1, 2))
+    one, two = (probes.arithmetic_rate(seconds, processes) for processes in (1, 2))
     bench.add("arithmetic alone", "over two workers'", two / one, "")

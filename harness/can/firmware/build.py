@@ -10,10 +10,11 @@ from collections.abc import Sequence
 from functools import cache
 from pathlib import Path
 
+from fmu_src.errors import SteadytipError
 from fmu_src.pack.cache import write
 from fmu_src.pack.compiler import FOLDER, compile_c
 from harness.can.database import Database, load
-from harness.common.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError
 
 __all__ = ["build_board", "sources"]
 

@@ -16,9 +16,9 @@ from typing import Self
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from fmu_src.errors import SteadytipError
 from harness.can.database import load
 from harness.can.firmware.build import build_board
-from harness.common.errors import SteadytipError
 
 __all__ = ["CHANNELS", "FirmwareBoard", "fault_kinds", "write_samples"]
 

@@ -70,7 +70,7 @@ def command(
     """Find noise terms by the Allan deviation, as covariances for any run."""
     import math
 
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
     from harness.identify.allan import parameter_files as files
     from harness.identify.allan.fit import analyse
     from harness.identify.allan.page import term_table, write_page

@@ -33,7 +33,7 @@ import numpy as np
 from scipy.optimize import nnls
 from scipy.stats import chi2, norm
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.common.types import FloatArray
 
 __all__ = ["TERMS", "Curve", "Noise", "Term", "analyse", "deviation"]

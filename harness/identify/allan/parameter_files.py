@@ -12,10 +12,11 @@ from pathlib import Path
 import numpy as np
 
 from fmu_src.device import design
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.records import Scalar
 from fmu_src.kit.units import exponents
-from fmu_src.pack.build import load_model
-from harness.common.errors import ProblemsError, SteadytipError, nearest
+from fmu_src.pack.discovery import load_model
+from harness.common.errors import ProblemsError, nearest
 from harness.identify.allan.fit import TERMS, Noise
 from harness.identify.parameter_files import write_parameters
 from harness.parts.ssv import read_ssv

@@ -29,7 +29,7 @@ from collections.abc import Mapping
 import numpy as np
 from scipy import optimize, signal, stats
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from plants.hand import MODEL, ORDER, UNIT_VARIANCE
 
 BAND = (0.1, 15.0)

@@ -71,7 +71,7 @@ def command(
     """Fit the hysteresis of an actuator, as a parameter file for any run."""
     import math
 
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
     from harness.identify.hysteresis.evaluation import evaluate
     from harness.identify.hysteresis.operators import find_operator
     from harness.identify.hysteresis.page import write_page
@@ -114,7 +114,7 @@ def command(
 
 def _check_count(count: int, target: str, prefixes: Sequence[str]) -> None:
     """Refuse a number of recordings that does not suit the model."""
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
 
     if count not in (1, len(prefixes)):
         takes = f"{len(prefixes)} ({', '.join(p.rstrip('.') for p in prefixes)})"

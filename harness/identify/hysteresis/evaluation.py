@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.common.types import FloatArray
 from harness.identify.hysteresis.operators import Operator, OperatorFit
 from harness.identify.options import Progress

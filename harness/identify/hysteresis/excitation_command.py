@@ -26,7 +26,7 @@ def command(
     """Write the voltage to play to a stack for `identify hysteresis`."""
     import numpy as np
 
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
     from harness.identify.hysteresis.operators import find_operator
     from harness.recordings.tables import write_table
 

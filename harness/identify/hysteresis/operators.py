@@ -12,11 +12,13 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.kit import Model, Parameters
+from fmu_src.errors import SteadytipError
+from fmu_src.kit import Parameters
+from fmu_src.kit.model import Model
 from fmu_src.kit.runner import Runner
 from fmu_src.piezo import creeping, prandtl_ishlinskii, rate_dependent
 from fmu_src.piezo import modulated_stops as stops
-from harness.common.errors import SteadytipError, nearest
+from harness.common.errors import nearest
 from harness.common.types import FloatArray
 from harness.identify.hysteresis import modulated_stops, plays
 from harness.identify.options import Progress

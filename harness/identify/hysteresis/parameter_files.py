@@ -7,10 +7,10 @@ from pathlib import Path
 
 import numpy as np
 
+from fmu_src.errors import SteadytipError
 from fmu_src.kit import Parameters
 from fmu_src.kit.records import Field, Scalar
-from fmu_src.pack.build import load_model, model_names
-from harness.common.errors import SteadytipError
+from fmu_src.pack.discovery import load_model, model_names
 from harness.identify.hysteresis.operators import OperatorFit
 from harness.identify.parameter_files import write_parameters
 

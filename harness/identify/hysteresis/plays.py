@@ -39,12 +39,12 @@ import numpy as np
 from scipy.optimize import least_squares
 
 from fmu_src.device import design
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.runner import Runner
 from fmu_src.piezo import creeping, prandtl_ishlinskii
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE
 from fmu_src.piezo.prandtl_ishlinskii import DEAD_ZONES, NOMINAL, PLAYS, Hysteresis, remember
 from fmu_src.piezo.rate_dependent import RATE_LIMITS, REFERENCE_RATE
-from harness.common.errors import SteadytipError
 
 EXCITATION_FREQUENCY = 10.0
 """Saw-tooth of the recording [Hz], the middle of the tremor band (A04 7.4)."""

@@ -39,7 +39,8 @@ def command(
     quiet: Quiet = False,
 ) -> None:
     """Calibrate sensors: bias, scale, cross axes, misalignment, drift; as a file for any run."""
-    from harness.common.errors import SteadytipError, nearest
+    from fmu_src.errors import SteadytipError
+    from harness.common.errors import nearest
     from harness.identify.imu import fit as calibration
     from harness.identify.imu.page import field_table, parameter_table, write_page
     from harness.recordings.tables import ColumnMapping

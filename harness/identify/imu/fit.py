@@ -36,12 +36,13 @@ from scipy.stats import t as student
 
 from fmu_src.device import design
 from fmu_src.device import sensing_kinematics as kinematics
+from fmu_src.errors import SteadytipError
 from fmu_src.estimation.micron import compensation
 from fmu_src.estimation.micron.model import MODEL
 from fmu_src.kit import Parameters
 from fmu_src.kit.records import Scalar
 from fmu_src.math import rotations
-from harness.common.errors import ProblemsError, SteadytipError
+from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.identify.imu.turntable import attitude, up
 from harness.identify.parameter_files import write_parameters

@@ -28,7 +28,8 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmu_src.device import design
-from harness.common.errors import SteadytipError, nearest
+from fmu_src.errors import SteadytipError
+from harness.common.errors import nearest
 from harness.common.types import FloatArray
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import RunContext

@@ -36,7 +36,7 @@ def command(
     """Simulate a bench and write a recording for `identify imu`."""
     import numpy as np
 
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
     from harness.identify.imu import turntable
     from harness.recordings.tables import write_table
     from harness.recordings.turntable import CHANNELS

@@ -41,8 +41,8 @@ import numpy as np
 from numpy.lib.stride_tricks import sliding_window_view
 from scipy import signal
 
+from fmu_src.errors import SteadytipError
 from fmu_src.tremor.cascade_neural import ACTIVATIONS, HIDDEN, INPUTS, SAMPLE_PERIOD, SPACINGS
-from harness.common.errors import SteadytipError
 from harness.common.types import FloatArray
 from harness.identify.options import Progress
 from harness.identify.tremor_nn.ndekf import train_output, train_pool

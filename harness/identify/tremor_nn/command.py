@@ -59,7 +59,7 @@ def command(
     """Train a neural filter for errors that are no tremor, as a parameter file for any run."""
     import math
 
-    from harness.common.errors import SteadytipError
+    from fmu_src.errors import SteadytipError
     from harness.identify.tremor_nn import fit as neural
     from harness.identify.tremor_nn.cascade import Architecture, Training
     from harness.identify.tremor_nn.page import trial_table, unit_table, write_page

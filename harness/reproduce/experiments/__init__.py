@@ -1,1 +1,1 @@
-"""What several items measure on. Modules here may import what they like: they hold no items."""
+"""Experiments that several items share."""

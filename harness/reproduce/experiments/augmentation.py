@@ -25,16 +25,16 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation, RotationSpline
 
-from fmu_src.pack.build import load_model
+from fmu_src.errors import SteadytipError
 from fmu_src.pack.compiled_runner import CompiledRunner
-from harness.common.errors import SteadytipError
+from fmu_src.pack.discovery import load_model
 from harness.common.types import FloatArray
 from harness.reproduce.experiments.broad import (
     FOLDER,
     LIMITS,
     TRIALS,
     BoolArray,
-    Trial,
+    BroadTrial,
     read_trial,
     since,
 )
@@ -45,18 +45,18 @@ __all__ = [
     "E13",
     "FILTERS",
     "SETTINGS_E13",
-    "Motion",
     "Populations",
-    "alone",
+    "TrackedMotion",
+    "broad_trials",
     "category",
+    "errors_by_step",
     "estimate",
-    "followed",
-    "hidden",
+    "extrapolate",
+    "occluded_errors",
     "recorded",
     "simulated",
     "speeds",
     "stretch",
-    "trials",
     "windows",
 ]
 
@@ -67,7 +67,7 @@ SETTLE = 10.0
 """Before each acquisition, in which a filter may learn; not counted [s]."""
 E13 = "OpticalPoseUkf"
 FILTERS = ("OpticalInertialUkf", "OpticalInertialEkf", E13)
-ALONE = "tracker alone, constant velocity"
+TRACKER_ALONE = "tracker alone, constant velocity"
 AXIS = 1
 """y, which E13 shows."""
 SETTINGS_E13: Mapping[str, Any] = {
@@ -132,7 +132,7 @@ _EXACT_E13: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True)
-class Motion:
+class TrackedMotion:
     """One acquisition; every array has one row for each inertial sample.
 
     Attributes:
@@ -159,11 +159,11 @@ class Motion:
 
     @property
     def time(self) -> FloatArray:
-        """Of each sample, (n,) [s]."""
+        """Times of the samples, (n,) [s]."""
         return np.asarray(self.period * np.arange(len(self.position)))
 
-    def until(self, end: int) -> Motion:
-        """The first samples alone."""
+    def until(self, end: int) -> TrackedMotion:
+        """Return the motion's first samples alone."""
         return replace(
             self,
             position=self.position[:end],
@@ -173,8 +173,8 @@ class Motion:
             inputs={name: values[:end] for name, values in self.inputs.items()},
         )
 
-    def occluded(self, *intervals: tuple[int, int]) -> Motion:
-        """The same with the optical samples in some intervals [first, end) left out."""
+    def occluded(self, *intervals: tuple[int, int]) -> TrackedMotion:
+        """Return the motion without the optical samples in some intervals [first, end)."""
         new = self.new.copy()
         for first, end in intervals:
             new[first:end] = False
@@ -197,7 +197,7 @@ class Populations:
 
     @staticmethod
     def together(parts: Iterable[Populations]) -> Populations:
-        """Of several acquisitions."""
+        """Join the errors of several acquisitions."""
         parts = list(parts)
         return Populations(
             np.concatenate([part.steps for part in parts]),
@@ -206,11 +206,11 @@ class Populations:
         )
 
     def rms(self, what: str, axis: int | None = AXIS) -> FloatArray:
-        """Of each step: along one axis, or of the length where there is none."""
+        """Return the rms of each step: along one axis, or of the length if `axis` is None."""
         return self._each(what, axis, lambda e: float(np.sqrt(np.mean(e**2))))
 
     def interval(self, what: str, axis: int | None = AXIS) -> FloatArray:
-        """95 % of the sizes of each step are below."""
+        """Return the size that 95 % of the errors of each step are below."""
         return self._each(what, axis, lambda e: float(np.percentile(np.abs(e), 95)))
 
     def _each(self, what: str, axis: int | None, of: Callable[[FloatArray], float]) -> FloatArray:
@@ -219,24 +219,26 @@ class Populations:
         return np.array([of(sizes[self.steps == k]) for k in range(int(self.steps.max()) + 1)])
 
 
-def errors(motion: Motion, outputs: Mapping[str, FloatArray]) -> tuple[FloatArray, FloatArray]:
-    """Errors in W of each sample: position (n, 3) [m], rotation vector (n, 3) [rad]."""
+def errors(
+    motion: TrackedMotion, outputs: Mapping[str, FloatArray]
+) -> tuple[FloatArray, FloatArray]:
+    """Return errors in W of each sample: position (n, 3) [m], rotation vector (n, 3) [rad]."""
     turned = _rotation(outputs["attitude"]) * _rotation(motion.attitude).inv()
     return outputs["position"] - motion.position, turned.as_rotvec()
 
 
-def followed(name: str, motion: Motion) -> Populations:
-    """Errors of a filter, or of the tracker alone, by step; no more steps than the ratio has."""
+def errors_by_step(name: str, motion: TrackedMotion) -> Populations:
+    """Return errors of a filter, or of the tracker alone, by step; as many steps as the ratio."""
     position, attitude = errors(motion, estimate(name, motion))
     steps = since(motion.new)
     kept = motion.counted & (steps >= 0) & (steps < motion.ratio)
     return Populations(steps[kept], position[kept], attitude[kept])
 
 
-def estimate(name: str, motion: Motion) -> Mapping[str, FloatArray]:
-    """Outputs of one of FILTERS, or of ALONE, over a motion."""
-    if name == ALONE:
-        return alone(motion)
+def estimate(name: str, motion: TrackedMotion) -> Mapping[str, FloatArray]:
+    """Return outputs of one of FILTERS, or of ALONE, over a motion."""
+    if name == TRACKER_ALONE:
+        return extrapolate(motion)
     settings = {
         "recorded": (SETTINGS, SETTINGS_E13),
         "hand": (_SHEET, _SHEET_E13),
@@ -247,8 +249,8 @@ def estimate(name: str, motion: Motion) -> Mapping[str, FloatArray]:
     return CompiledRunner(model, settings).run(len(motion.position), given)
 
 
-def alone(motion: Motion) -> dict[str, FloatArray]:
-    """The last optical sample, moved on as the last two tell."""
+def extrapolate(motion: TrackedMotion) -> dict[str, FloatArray]:
+    """Extrapolate each optical sample with the velocity and rate between the last two."""
     at = np.flatnonzero(motion.new)
     place, turned = (
         motion.inputs["optical_position"][at],
@@ -268,28 +270,30 @@ def alone(motion: Motion) -> dict[str, FloatArray]:
     }
 
 
-def recorded(context: Context, ratio: int, names: Sequence[str] = TRIALS[:3]) -> list[Motion]:
-    """Trials of BROAD as motions; none where there are no recordings."""
-    return [_of_trial(trial, ratio) for trial in trials(context, names)]
+def recorded(
+    context: Context, ratio: int, names: Sequence[str] = TRIALS[:3]
+) -> list[TrackedMotion]:
+    """Return trials of BROAD as motions; none where there are no recordings."""
+    return [_of_trial(trial, ratio) for trial in broad_trials(context, names)]
 
 
-def trials(context: Context, names: Sequence[str] = TRIALS[:3]) -> list[Trial]:
-    """Trials of BROAD; none where there are no recordings."""
+def broad_trials(context: Context, names: Sequence[str] = TRIALS[:3]) -> list[BroadTrial]:
+    """Return trials of BROAD; none where there are no recordings."""
     if context.data is None or not (context.data / FOLDER).is_dir():
         return []
     return [_trial(context.data / FOLDER / f"{name}.mat") for name in names]
 
 
 @cache
-def _trial(path: Path) -> Trial:
+def _trial(path: Path) -> BroadTrial:
     return read_trial(path)
 
 
-def _of_trial(trial: Trial, ratio: int) -> Motion:
+def _of_trial(trial: BroadTrial, ratio: int) -> TrackedMotion:
     new = trial.thinned(ratio)
     inputs = {**trial.inertial(), **trial.optical(new)}
     name = f"trial {trial.name[:2]}"
-    return Motion(
+    return TrackedMotion(
         name,
         "recorded",
         trial.period,
@@ -302,8 +306,8 @@ def _of_trial(trial: Trial, ratio: int) -> Motion:
     )
 
 
-def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> Motion:
-    """E13's simulation (3.5.1.1): mean speed 150 mm/s, largest 300; 20 and 70 deg/s about y.
+def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> TrackedMotion:
+    """Simulate E13 3.5.1.1: speed 150 mm/s in the mean, 300 at the most; 20 and 70 deg/s about y.
 
     Acceleration and rate are central differences of the path; Gaussian noise of at most 100 mm/s2,
     taken for three standard deviations, is on the acceleration. Nothing else is wrong.
@@ -332,11 +336,13 @@ def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> Motion:
     }
     # As E13 3.62, without the first ten optical samples.
     counted = np.arange(n) >= 10 * ratio
-    return Motion(f"path {seed}", "exact", PERIOD, ratio, position, attitude, counted, new, inputs)
+    return TrackedMotion(
+        f"path {seed}", "exact", PERIOD, ratio, position, attitude, counted, new, inputs
+    )
 
 
 def _random_path(rng: np.random.Generator, t: FloatArray) -> FloatArray:
-    """A path (n, 3) [m] of mean speed 0.15 m/s and largest 0.3, within 3 %."""
+    """Return a path (n, 3) [m] of mean speed 0.15 m/s and largest 0.3, within 3 %."""
     while True:
         waves = 2 * np.pi * rng.uniform(0.1, 1.0, (3, 5))
         phase, size = rng.uniform(0, 2 * np.pi, (3, 5)), rng.normal(size=(3, 5)) / waves
@@ -354,8 +360,8 @@ SIDE = 0.2
 """Of the squares [m]."""
 
 
-def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> Motion:
-    """A hand along a square's sides (E13 3.5.1.2), with tremor, through tracker and inertial unit.
+def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> TrackedMotion:
+    """Move a hand along a square (E13 3.5.1.2), with tremor, seen by tracker and inertial unit.
 
     Each side is a movement of least jerk; the shortest has the category's largest speed. Angles
     swing about all axes, with 20 deg/s in the mean and some 50 at the most. Tremor is 50 um p-p of
@@ -368,13 +374,13 @@ def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> 
         seconds: that count, after SETTLE.
     """
     rng = np.random.default_rng(1000 * number + seed)
-    whole = SETTLE + seconds
-    n = round(whole / PERIOD)
+    duration = SETTLE + seconds
+    n = round(duration / PERIOD)
     t = np.arange(float(n)) * PERIOD
     place, acceleration = _square(rng, t, *CATEGORIES[number])
     tremor = 2 * np.pi * rng.uniform(8, 12, 3)
     shake = 25e-6 * np.sin(np.outer(t, tremor) + rng.uniform(0, 6, 3))
-    knots = np.arange(0, whole + 0.2, 0.1)
+    knots = np.arange(0, duration + 0.2, 0.1)
     swings = 2 * np.pi * rng.uniform(0.15, 0.5, 3)
     size = np.radians(20.0) / swings * rng.uniform(0.7, 1.1, 3)
     # Now quick, now slow: the largest rate is well above the mean.
@@ -404,11 +410,11 @@ def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> 
     inputs = {**sensed, **seen}
     new = seen["optical_new"] > 0
     name = f"category {number}, acquisition {seed}"
-    return Motion(name, "hand", PERIOD, ratio, body, attitude, t >= SETTLE, new, inputs)
+    return TrackedMotion(name, "hand", PERIOD, ratio, body, attitude, t >= SETTLE, new, inputs)
 
 
 def _unit(rng: np.random.Generator) -> dict[str, Any]:
-    """Biases of an inertial unit of its own kind."""
+    """Return biases of an inertial unit of its own kind."""
     return {
         "gyro_bias": np.radians(0.4) * rng.normal(size=3),
         "accelerometer_bias": 0.02 * rng.normal(size=3),
@@ -418,11 +424,11 @@ def _unit(rng: np.random.Generator) -> dict[str, Any]:
 def _square(
     rng: np.random.Generator, t: FloatArray, mean: float, largest: float
 ) -> tuple[FloatArray, FloatArray]:
-    """Place and acceleration, (n, 3) each, along the sides of a tilted square."""
-    whole = t[-1] + PERIOD
-    count = round(mean * whole / SIDE)
+    """Return place and acceleration, (n, 3) each, along the sides of a tilted square."""
+    duration = t[-1] + PERIOD
+    count = round(mean * duration / SIDE)
     shortest = 1.875 * SIDE / largest
-    left = whole - count * shortest
+    left = duration - count * shortest
     share = rng.dirichlet(np.full(count - 1, 4.0))
     times = shortest + left * np.insert(share, rng.integers(count), 0.0)
     starts = np.insert(np.cumsum(times), 0, 0.0)
@@ -436,8 +442,8 @@ def _square(
     return plane.apply(begin + (end - begin) * way), plane.apply((end - begin) * bend)
 
 
-def speeds(motion: Motion) -> tuple[float, float, float, float]:
-    """Mean and largest speed [m/s] and rate [rad/s] of what counts.
+def speeds(motion: TrackedMotion) -> tuple[float, float, float, float]:
+    """Return mean and largest speed [m/s] and rate [rad/s] of what counts.
 
     By differences over five samples; the 99.9th percentile counts as the largest.
     """
@@ -455,8 +461,8 @@ def _largest(values: FloatArray) -> float:
     return float(np.percentile(values, 99.9))
 
 
-def stretch(motion: Motion, seconds: float) -> slice:
-    """The first part of a motion of which every sample counts.
+def stretch(motion: TrackedMotion, seconds: float) -> slice:
+    """Return the first part of a motion of which every sample counts.
 
     Raises:
         SteadytipError: there is none as long as that.
@@ -469,15 +475,15 @@ def stretch(motion: Motion, seconds: float) -> slice:
     return slice(int(places[0]), int(places[0]) + length)
 
 
-def windows(motion: Motion, samples: int = 100, count: int = 9) -> list[tuple[int, int]]:
-    """Occlusions one after the other over what counts, each of its own run (E13 fig. 3.9)."""
+def windows(motion: TrackedMotion, samples: int = 100, count: int = 9) -> list[tuple[int, int]]:
+    """Return successive occlusions over what counts, each of its own run (E13 fig. 3.9)."""
     first = stretch(motion, samples * count * motion.period).start
     starts = first + samples * np.arange(count)
     return [(int(start), int(start) + samples) for start in starts]
 
 
-def hidden(name: str, motions: Iterable[Motion], samples: int = 100) -> Populations:
-    """Errors by samples since an occlusion began, of all windows of all motions."""
+def occluded_errors(name: str, motions: Iterable[TrackedMotion], samples: int = 100) -> Populations:
+    """Return errors by samples since an occlusion began, of all windows of all motions."""
     parts = []
     for motion in motions:
         for first, end in windows(motion, samples):

@@ -27,7 +27,8 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.common.errors import ProblemsError, SteadytipError
+from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError
 from harness.common.files import reason
 from harness.common.types import FloatArray
 
@@ -37,7 +38,7 @@ __all__ = [
     "SETTLING",
     "THINNED",
     "TRIALS",
-    "Trial",
+    "BroadTrial",
     "northward",
     "occluded",
     "read_trial",
@@ -71,7 +72,7 @@ IntArray = np.ndarray
 
 
 @dataclass(frozen=True)
-class Trial:
+class BroadTrial:
     """One recording; every array has one row for each inertial sample.
 
     Attributes:
@@ -101,12 +102,12 @@ class Trial:
     movement: BoolArray
 
     def __len__(self) -> int:
-        """Samples."""
+        """Return the number of samples."""
         return len(self.rate)
 
     @property
     def time(self) -> FloatArray:
-        """Of each sample, (n,) [s]."""
+        """Times of the samples, (n,) [s]."""
         return np.asarray(self.period * np.arange(len(self)))
 
     @property
@@ -115,17 +116,17 @@ class Trial:
         return np.asarray(self.attitude_seen & self.position_seen)
 
     def scored(self, after: float = SETTLING) -> BoolArray:
-        """Samples that count: of the movement, from some time on [s], with a true pose; (n,)."""
+        """Return samples that count, (n,): in movement, with a true pose, from some time on [s]."""
         return np.asarray(self.movement & self.optical_seen & (self.time >= after))
 
     def thinned(self, every: int = THINNED, first: int = 0) -> BoolArray:
-        """Optical samples that an estimator gets: each so many, if it was seen; (n,)."""
+        """Return optical samples that an estimator gets: each so many, if it was seen; (n,)."""
         kept = np.zeros(len(self), dtype=bool)
         kept[first::every] = True
         return np.asarray(kept & self.optical_seen)
 
     def inertial(self) -> dict[str, FloatArray]:
-        """Inputs of an estimator by field, as `Runner.run` takes them."""
+        """Return inputs of an estimator by field, as `Runner.run` takes them."""
         return {
             "rate": self.rate,
             "force": self.force,
@@ -136,7 +137,7 @@ class Trial:
     def optical(
         self, new: BoolArray, late: int = 0, name: str = "optical"
     ) -> dict[str, FloatArray]:
-        """Inputs of an estimator from the samples of the tracker that are `new`.
+        """Return inputs of an estimator from the samples of the tracker that are `new`.
 
         Args:
             new: (n,) at which instants a pose is taken, as from `thinned` or `occluded`; where it
@@ -160,7 +161,7 @@ class Trial:
         }
 
 
-def read_trial(path: Path) -> Trial:
+def read_trial(path: Path) -> BroadTrial:
     """Read and check a trial.
 
     Raises:
@@ -188,7 +189,7 @@ def read_trial(path: Path) -> Trial:
     quaternion, place = arrays["opt_quat"], arrays["opt_pos"] @ _NORTH_FROM_EAST.T
     attitude_seen, position_seen = _finite(quaternion), _finite(place)
     turned = northward(quaternion / np.linalg.norm(quaternion, axis=1, keepdims=True))
-    return Trial(
+    return BroadTrial(
         name=path.stem,
         period=1.0 / rate,
         rate=sensed[:, :3],
@@ -204,13 +205,13 @@ def read_trial(path: Path) -> Trial:
 
 
 def northward(attitude: FloatArray) -> FloatArray:
-    """q_WB (n, 4), of attitudes (n, 4) in a world of east, north and up."""
+    """Return q_WB (n, 4) for attitudes (n, 4) in a world of east, north and up."""
     w, x, y, z = attitude.T
     return np.asarray(_HALF * np.column_stack([w + z, x + y, y - x, z - w]))
 
 
 def occluded(new: BoolArray, intervals: Sequence[tuple[int, int]]) -> BoolArray:
-    """Optical samples `new` (n,) without those in some intervals [first, end) of samples; (n,)."""
+    """Return the optical samples `new` (n,) without those in some intervals [first, end); (n,)."""
     left = np.array(new, dtype=bool)
     for first, end in intervals:
         left[max(first, 0) : max(end, 0)] = False
@@ -218,7 +219,7 @@ def occluded(new: BoolArray, intervals: Sequence[tuple[int, int]]) -> BoolArray:
 
 
 def since(new: BoolArray) -> IntArray:
-    """Samples since the last one that is `new`, 0 at it, -1 before the first; (n,)."""
+    """Return samples since the last one that is `new`, 0 at it, -1 before the first; (n,)."""
     index = np.arange(len(new))
     last = np.maximum.accumulate(np.where(new, index, -1))
     return np.where(last < 0, -1, index - last)
@@ -229,13 +230,13 @@ def _finite(values: FloatArray) -> BoolArray:
 
 
 def _held(values: FloatArray, seen: BoolArray, start: FloatArray) -> FloatArray:
-    """Rows of `values`, those that were lost as the last one that was not, or `start`."""
+    """Return `values` with each lost row replaced by the last one seen, or by `start`."""
     last = np.maximum.accumulate(np.where(seen, np.arange(len(values)), -1))
     return np.where((last < 0)[:, np.newaxis], start, values[last])
 
 
 def _checked(path: Path, content: Mapping[str, np.ndarray]) -> tuple[float, dict[str, FloatArray]]:
-    """Sampling rate [Hz] and the arrays, (n, columns)."""
+    """Return the sampling rate [Hz] and the arrays, (n, columns), once all are checked."""
     absent = [name for name in ("sampling_rate", *_COLUMNS) if name not in content]
     if absent:
         raise ProblemsError(str(path), [f"there is no variable '{name}'" for name in absent])

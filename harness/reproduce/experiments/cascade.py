@@ -24,7 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.identify.tremor_nn.cascade import (
     RATE,
     Architecture,
@@ -86,7 +86,7 @@ class Hand:
 
 
 @dataclass(frozen=True)
-class Best:
+class BestNetwork:
     """The best network of a hand.
 
     Attributes:
@@ -113,7 +113,7 @@ class Protocol:
 
     @cached_property
     def rms(self) -> float:
-        """Of the motions that are made up: the mean of all trials' [m]."""
+        """Rms of the motions that are made up: the mean of all trials' [m]."""
         return float(np.mean([trial.rms for hand in self.hands for trial in hand.trials]))
 
     def network(
@@ -123,7 +123,7 @@ class Protocol:
         training: Training | None = None,
         target: Target = "motion",
     ) -> Network:
-        """Network of a hand, trained on its one trial; trained once."""
+        """Train the network of a hand on its one trial, unless that has been done."""
         how = training or Training()
         key = (hand.name, architecture, how, target)
         if key not in self._trained:
@@ -133,21 +133,21 @@ class Protocol:
         return self._trained[key]
 
     def score(self, network: Network, trials: Sequence[StillTrial]) -> FilterScore:
-        """A network on some trials."""
+        """Score a network on some trials."""
         return score(network, [trial.error for trial in trials], self.rms)
 
-    def best(self, hand: Hand) -> Best:
-        """Best architecture of a hand by its tests, as the thesis chooses."""
+    def best(self, hand: Hand) -> BestNetwork:
+        """Return the best architecture of a hand by its tests, as the thesis chooses."""
         found = []
         for inputs in GRID:
             network = self.network(hand, Architecture(inputs, HIDDEN))
             for hidden in range(HIDDEN + 1):
                 cut = network.cut(hidden)
-                found.append(Best(cut, self.score(cut, hand.tests)))
+                found.append(BestNetwork(cut, self.score(cut, hand.tests)))
         return max(found, key=lambda best: best.score.reduction)
 
     def ceiling(self, hand: Hand, architecture: Architecture = ONE_FOR_ALL) -> float:
-        """Reduction by a linear filter fitted to the very tests that it is scored on [%]."""
+        """Fit a linear filter to the very tests that it is scored on; return its reduction [%]."""
         zeta, wanted = [], []
         for k, trial in enumerate(hand.tests):
             for draw in range(CEILING_MOTIONS):
@@ -163,7 +163,7 @@ class Protocol:
 
 @cache
 def protocol(folder: Path) -> Protocol:
-    """Hands of the recordings in a folder that are of holding on a point.
+    """Read the hands of the recordings in a folder that are of holding on a point.
 
     Raises:
         SteadytipError: fewer than two hands, or a recording that is too short.

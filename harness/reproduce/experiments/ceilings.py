@@ -1,4 +1,4 @@
-"""What a linear filter reaches that knows the recordings: marks to rank tremor filters against.
+"""Linear filters that know the recordings: upper limits to rank tremor filters against.
 
     y[k] = sum_i w_i (x[k - d - i s] - x[k - d - (i + 1) s]),  i = 0..n-1
 
@@ -25,7 +25,7 @@ import numpy as np
 from scipy.linalg import cho_factor, cho_solve
 from scipy.signal import oaconvolve
 
-from harness.reproduce.experiments.tremor import RATE, Column, Motion, score
+from harness.reproduce.experiments.tremor import RATE, FilterScores, TipMotion, score
 
 SAME_DATA = "linear, fitted to the data themselves"
 SAME_RECORDING = "linear, trained on the first 60 %"
@@ -39,7 +39,7 @@ RIDGE = 1e-6
 
 @dataclass(frozen=True)
 class Lags:
-    """Where a filter's taps are.
+    """Places of a filter's taps.
 
     Attributes:
         taps: n.
@@ -51,8 +51,8 @@ class Lags:
     stride: int
     rows: int
 
-    def differences(self, motion: Motion) -> np.ndarray:
-        """Of the position, none before there are two, (n, 3) [m]."""
+    def differences(self, motion: TipMotion) -> np.ndarray:
+        """Return differences of the position, none before there are two, (n, 3) [m]."""
         x = motion.position
         change = np.zeros_like(x)
         change[self.stride :] = x[self.stride :] - x[: -self.stride]
@@ -86,7 +86,7 @@ class Moments:
         return Moments(self.gram + other.gram, self.cross + other.cross)
 
     def weights(self) -> np.ndarray:
-        """Of least squares, (3, n)."""
+        """Return the weights of least squares, (3, n)."""
         taps = self.gram.shape[-1]
         return np.array(
             [
@@ -96,8 +96,8 @@ class Moments:
         )
 
 
-def moments(motion: Motion, part: slice, delay: float = 0.0, lags: Lags = COARSE) -> Moments:
-    """Normal equations of some samples.
+def moments(motion: TipMotion, part: slice, delay: float = 0.0, lags: Lags = COARSE) -> Moments:
+    """Return normal equations of some samples.
 
     Args:
         motion: recorded.
@@ -119,9 +119,9 @@ def moments(motion: Motion, part: slice, delay: float = 0.0, lags: Lags = COARSE
 
 
 def filtered(
-    motion: Motion, weights: np.ndarray, delay: float = 0.0, lags: Lags = COARSE
+    motion: TipMotion, weights: np.ndarray, delay: float = 0.0, lags: Lags = COARSE
 ) -> np.ndarray:
-    """y, what a linear filter takes for tremor, (n, 3) [m].
+    """Return y, what a linear filter takes for tremor, (n, 3) [m].
 
     Args:
         motion: recorded.
@@ -139,9 +139,9 @@ def filtered(
     return np.column_stack(columns)
 
 
-def same_data(motions: Iterable[Motion], delay: float = 0.0) -> Column:
-    """Fitted to each recording as it is scored."""
-    return Column(
+def same_data(motions: Iterable[TipMotion], delay: float = 0.0) -> FilterScores:
+    """Score filters that are fitted to each recording as it is scored."""
+    return FilterScores(
         [
             score(motion, filtered(motion, moments(motion, motion.counted, delay).weights(), delay))
             for motion in motions
@@ -149,27 +149,29 @@ def same_data(motions: Iterable[Motion], delay: float = 0.0) -> Column:
     )
 
 
-def same_recording(motions: Iterable[Motion], delay: float = 0.0, lags: Lags = COARSE) -> Column:
-    """Trained on the first part of each recording, scored on the rest of it."""
+def same_recording(
+    motions: Iterable[TipMotion], delay: float = 0.0, lags: Lags = COARSE
+) -> FilterScores:
+    """Train on the first part of each recording, and score on the rest of it."""
     scores = []
     for motion in motions:
         cut = round(TRAINED * len(motion.time))
         weights = moments(motion, slice(0, cut), delay, lags).weights()
         rest = slice(cut, motion.counted.stop)
         scores.append(score(motion, filtered(motion, weights, delay, lags), rest))
-    return Column(scores)
+    return FilterScores(scores)
 
 
-def others(motions: Sequence[Motion], delay: float = 0.0) -> Column:
-    """Trained on all recordings but the one that is scored; needs two at least."""
+def others(motions: Sequence[TipMotion], delay: float = 0.0) -> FilterScores:
+    """Train on all recordings but the one that is scored; needs two at least."""
     each = [moments(motion, motion.counted, delay) for motion in motions]
     scores = []
     for k, motion in enumerate(motions):
         rest = reduce(Moments.__add__, each[:k] + each[k + 1 :])
         scores.append(score(motion, filtered(motion, rest.weights(), delay)))
-    return Column(scores)
+    return FilterScores(scores)
 
 
-def eager(motions: Iterable[Motion], delay: float = 0.0) -> Column:
-    """Trained as in `same_recording`, with lags shorter than the recordings' samples."""
+def eager(motions: Iterable[TipMotion], delay: float = 0.0) -> FilterScores:
+    """Train as in `same_recording`, with lags shorter than the recordings' samples."""
     return same_recording(motions, delay, FINE)

@@ -13,7 +13,7 @@ from fmu_src.device import design
 from fmu_src.estimation.micron import model as micron
 from fmu_src.pack.compiled_runner import CompiledRunner
 from harness.recordings.motion import Recording
-from harness.reproduce.experiments.tremor import RATE, Motion
+from harness.reproduce.experiments.tremor import RATE, TipMotion
 from plants import hand, inertial_sensors, instrument
 
 A04_NOISE = 4.535e-3
@@ -23,7 +23,7 @@ FELT = ("force1", "force2", "force3", "field")
 
 
 @dataclass(frozen=True)
-class Sensed(Motion):
+class SensedMotion(TipMotion):
     """A motion of the tip, and what the estimator makes of the sensors.
 
     Attributes:
@@ -41,28 +41,28 @@ class Sensed(Motion):
     density: float
 
 
-def sensed(recording: Recording, noise: float = 1.0, seed: int = 1) -> Sensed:
-    """A recorded hand.
+def sensed(recording: Recording, noise: float = 1.0, seed: int = 1) -> SensedMotion:
+    """Simulate the sensors on a recorded hand.
 
     Args:
         recording: of the tip.
         noise: of the accelerometers, over that of their data sheet.
         seed: of the noise, and of what the recording does not say.
     """
-    through = make_interp_spline(recording.time, recording.position, 5)
+    spline = make_interp_spline(recording.time, recording.position, 5)
     time = np.arange(int(recording.time[-1] * RATE + 1e-6) + 1) / RATE
-    position = through(time)
+    position = spline(time)
     inputs = {
         "recorded": 1.0,
         **{f"recorded_{axis}": position[:, k] for k, axis in enumerate("xyz")},
-        "recorded_velocity": through(time, 1),
-        "recorded_acceleration": through(time, 2),
+        "recorded_velocity": spline(time, 1),
+        "recorded_acceleration": spline(time, 2),
     }
     return _felt(CompiledRunner(hand.MODEL, {"seed": seed}).run(len(time), inputs), noise, seed)
 
 
-def generated(seconds: float, noise: float = 1.0, seed: int = 1) -> Sensed:
-    """A hand of the generator.
+def generated(seconds: float, noise: float = 1.0, seed: int = 1) -> SensedMotion:
+    """Simulate the sensors on a hand of the generator.
 
     Args:
         seconds: how long.
@@ -74,10 +74,10 @@ def generated(seconds: float, noise: float = 1.0, seed: int = 1) -> Sensed:
     )
 
 
-def _felt(moved: dict[str, np.ndarray], noise: float, seed: int) -> Sensed:
-    samples = len(moved["tip"])
+def _felt(motion: dict[str, np.ndarray], noise: float, seed: int) -> SensedMotion:
+    samples = len(motion["tip"])
     density = noise * design.ACCELEROMETER_NOISE
-    forces = CompiledRunner(instrument.MODEL).run(samples, {name: moved[name] for name in MOTIONS})
+    forces = CompiledRunner(instrument.MODEL).run(samples, {name: motion[name] for name in MOTIONS})
     volts = CompiledRunner(
         inertial_sensors.MODEL, {"seed": seed, "accelerometer_noise": density}
     ).run(samples, {name: forces[name] for name in FELT})["volts"]
@@ -86,7 +86,7 @@ def _felt(moved: dict[str, np.ndarray], noise: float, seed: int) -> Sensed:
     )
     position = forces["free_tip"] - forces["free_tip"][0]
     time = np.arange(samples) / RATE
-    return Sensed(
+    return SensedMotion(
         "sensed",
         lambda t: position[np.rint(np.asarray(t) * RATE).astype(int)],
         float(time[-1]),

@@ -28,12 +28,12 @@ __all__ = [
     "HOUR",
     "NOISE",
     "RATE",
-    "Rest",
+    "MotionlessRecording",
+    "channels_with",
     "means",
     "motionless",
     "noises",
-    "plotted",
-    "shown",
+    "plot_deviation",
     "slopes",
     "steady",
 ]
@@ -52,7 +52,7 @@ _ATTITUDE = (0.3, 0.4)  # rad, roll and pitch: no axis level, none upright
 
 
 @dataclass(frozen=True)
-class Rest:
+class MotionlessRecording:
     """A recording of the six accelerometers.
 
     Attributes:
@@ -66,7 +66,7 @@ class Rest:
     period: float
 
     def noise(self, channel: int, begin: float = 0.0) -> Noise:
-        """Noise of one channel from a time on."""
+        """Return noise of one channel from a time on."""
         return analyse(self.force[self.time >= begin, channel], self.period, design.SENSOR_LAG)
 
 
@@ -77,7 +77,7 @@ def motionless(
     powered: float,
     seed: int,
     progress: Callable[[float], None] = lambda share: None,
-) -> Rest:
+) -> MotionlessRecording:
     """Record.
 
     Args:
@@ -85,7 +85,7 @@ def motionless(
         rate: samples in a second [Hz].
         powered: time that the unit has been on before [s].
         seed: of the noise.
-        progress: told the share that is done.
+        progress: called with the share that is done.
     """
     settings = dict(turntable.sensors(SCENARIO, "sensors"))
     del settings["fmu"]
@@ -101,23 +101,23 @@ def motionless(
         parts.append(runner.run(min(_BLOCK, n - begin), inputs)["volts"][:, :6])
         progress(min(begin + _BLOCK, n) / n)
     volts = np.concatenate(parts)
-    return Rest(
+    return MotionlessRecording(
         np.arange(n) / rate,
         (volts - design.ZERO_VOLTS) / design.ACCELEROMETER_SCALE,
         1 / rate,
     )
 
 
-def means(rest: Rest, channel: int) -> tuple[FloatArray, FloatArray]:
-    """Means of half hours: their middles [s], and values [m/s2]."""
+def means(rest: MotionlessRecording, channel: int) -> tuple[FloatArray, FloatArray]:
+    """Return means of half hours: their middles [s], and values [m/s2]."""
     count = round(MEANS / rest.period)
     n = len(rest.time) // count
     values = rest.force[: n * count, channel].reshape(n, count).mean(axis=1)
     return np.asarray((np.arange(n) + 0.5) * MEANS, dtype=float), values
 
 
-def steady(rest: Rest, channel: int) -> float:
-    """When the means of half hours have come to stay near the last ones [s]."""
+def steady(rest: MotionlessRecording, channel: int) -> float:
+    """Return when the means of half hours have come to stay near the last ones [s]."""
     time, values = means(rest, channel)
     last = values[-4:].mean()
     away = np.abs(values - last) > SETTLED * np.ptp(values)
@@ -125,23 +125,23 @@ def steady(rest: Rest, channel: int) -> float:
 
 
 def slopes(noise: Noise, low: float, high: float) -> FloatArray:
-    """Slopes of a root Allan variance from octave to octave, between two averaging times [s]."""
+    """Return slopes of a root Allan variance by octave, between two averaging times [s]."""
     curve = noise.curve
     rises = np.diff(np.log(curve.deviation)) / np.diff(np.log(curve.tau))
     middle = np.sqrt(curve.tau[1:] * curve.tau[:-1])
     return np.asarray(rises[(middle >= low) & (middle <= high)])
 
 
-def shown(noises: Mapping[str, Noise], term: str) -> int:
-    """In how many channels a term shows."""
+def channels_with(noises: Mapping[str, Noise], term: str) -> int:
+    """Return in how many channels a term shows."""
     return sum(term in noise.terms for noise in noises.values())
 
 
-def noises(rest: Rest, begin: float = 0.0) -> dict[str, Noise]:
-    """Noise of all six channels from a time on."""
+def noises(rest: MotionlessRecording, begin: float = 0.0) -> dict[str, Noise]:
+    """Return noise of all six channels from a time on."""
     return {name: rest.noise(i, begin) for i, name in enumerate(inertial_sensors.ACCELEROMETERS)}
 
 
-def plotted(noises: Mapping[str, Noise]) -> go.Figure:
-    """Root Allan variance of all channels."""
+def plot_deviation(noises: Mapping[str, Noise]) -> go.Figure:
+    """Plot the root Allan variance of all channels."""
     return curves([(name, noise, 1.0) for name, noise in noises.items()], "m/s²")

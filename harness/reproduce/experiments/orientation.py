@@ -18,13 +18,21 @@ from typing import Any
 
 import numpy as np
 
-from fmu_src.pack.build import load_model
+from fmu_src.errors import SteadytipError
 from fmu_src.pack.compiled_runner import CompiledRunner
-from harness.common.errors import SteadytipError
+from fmu_src.pack.discovery import load_model
 from harness.common.types import FloatArray
-from harness.reproduce.experiments.broad import LIMITS, THINNED, Trial, northward
+from harness.reproduce.experiments.broad import LIMITS, THINNED, BroadTrial, northward
 
-__all__ = ["KINDS", "Errors", "Estimator", "errors", "estimators", "of_model", "vqf"]
+__all__ = [
+    "KINDS",
+    "AttitudeErrors",
+    "AttitudeEstimator",
+    "errors",
+    "estimators",
+    "model_estimator",
+    "vqf",
+]
 
 KINDS = ("total", "inclination", "heading")
 GRAVITY = 9.813
@@ -36,8 +44,8 @@ INTERVAL = 3.5e-3
 
 
 @dataclass(frozen=True)
-class Errors:
-    """Of an attitude over time, each (n,) [rad], at the samples that count."""
+class AttitudeErrors:
+    """Errors of an attitude over time, each (n,) [rad], at the samples that count."""
 
     time: FloatArray
     total: FloatArray
@@ -45,13 +53,13 @@ class Errors:
     heading: FloatArray
 
     def rms(self, kind: str) -> float:
-        """Of one of KINDS [rad]."""
+        """Return the rms of one of KINDS [rad]."""
         return float(np.sqrt(np.mean(getattr(self, kind) ** 2)))
 
 
 @dataclass(frozen=True)
-class Estimator:
-    """What gives an attitude.
+class AttitudeEstimator:
+    """Estimator of the attitude, ours or another.
 
     Attributes:
         name: for people.
@@ -61,18 +69,18 @@ class Estimator:
 
     name: str
     sees: str
-    attitude: Callable[[Trial], FloatArray]
+    attitude: Callable[[BroadTrial], FloatArray]
 
 
-def errors(trial: Trial, attitude: FloatArray) -> Errors:
-    """Errors of q_WB (n, 4) over the movement of a trial."""
+def errors(trial: BroadTrial, attitude: FloatArray) -> AttitudeErrors:
+    """Return errors of q_WB (n, 4) over the movement of a trial."""
     counted = trial.movement & trial.attitude_seen
     true, found = trial.attitude[counted], attitude[counted]
     w = np.sum(true * found, axis=1)
     vector = found[:, :1] * true[:, 1:] - true[:, :1] * found[:, 1:]
     vector = vector - np.cross(true[:, 1:], found[:, 1:])
     z = vector[:, 2]
-    return Errors(
+    return AttitudeErrors(
         trial.time[counted],
         2 * np.arctan2(np.linalg.norm(vector, axis=1), np.abs(w)),
         2 * np.arctan2(np.hypot(vector[:, 0], vector[:, 1]), np.hypot(w, z)),
@@ -80,8 +88,8 @@ def errors(trial: Trial, attitude: FloatArray) -> Errors:
     )
 
 
-def estimators() -> list[Estimator]:
-    """All that are compared.
+def estimators() -> list[AttitudeEstimator]:
+    """Return all estimators that are compared.
 
     Raises:
         SteadytipError: VQF is not installed.
@@ -90,7 +98,7 @@ def estimators() -> list[Estimator]:
         "EmInertialEkf": (
             "hybrid filter (RK) without EM",
             "rate, force, field",
-            Trial.inertial,
+            BroadTrial.inertial,
             {
                 **LIMITS,
                 "inertial.gravity": GRAVITY,
@@ -105,11 +113,11 @@ def estimators() -> list[Estimator]:
             {**LIMITS, "rate_interval": INTERVAL, "lag_sigma": 0.01},
         ),
     }
-    return [vqf(), *(of_model(model, *how) for model, how in ours.items())]
+    return [vqf(), *(model_estimator(model, *how) for model, how in ours.items())]
 
 
-def vqf() -> Estimator:
-    """VQF with magnetometer, all parameters at their defaults.
+def vqf() -> AttitudeEstimator:
+    """Return VQF with magnetometer, all parameters at their defaults.
 
     Raises:
         SteadytipError: the package is not installed.
@@ -119,23 +127,23 @@ def vqf() -> Estimator:
     except ImportError:
         raise SteadytipError("VQF is not installed: pip install 'steadytip[reproduce]'") from None
 
-    def attitude(trial: Trial) -> FloatArray:
+    def attitude(trial: BroadTrial) -> FloatArray:
         samples = (trial.rate, trial.force, trial.field)
         given = (np.ascontiguousarray(each, dtype=float) for each in samples)
         # Of the whole recording, but sample by sample: its filter of past and future is another.
         return northward(VQF(trial.period).updateBatch(*given)["quat9D"])
 
-    return Estimator("VQF 9D, defaults", "rate, force, field", attitude)
+    return AttitudeEstimator("VQF 9D, defaults", "rate, force, field", attitude)
 
 
-def of_model(
+def model_estimator(
     model: str,
     name: str,
     sees: str,
-    inputs: Callable[[Trial], Mapping[str, FloatArray]],
+    inputs: Callable[[BroadTrial], Mapping[str, FloatArray]],
     parameters: Mapping[str, Any] | None = None,
-) -> Estimator:
-    """A model of this software, at the sample period of the trial.
+) -> AttitudeEstimator:
+    """Return a model of this software as an estimator, at the sample period of the trial.
 
     Args:
         model: its name; it has the output field `attitude`.
@@ -145,10 +153,10 @@ def of_model(
         parameters: other than the declared starts.
     """
 
-    def attitude(trial: Trial) -> FloatArray:
+    def attitude(trial: BroadTrial) -> FloatArray:
         runner = CompiledRunner(replace(load_model(model), sample_period=trial.period), parameters)
         known = runner.model.inputs.fields
         given = {field: values for field, values in inputs(trial).items() if field in known}
         return runner.run(len(trial), given)["attitude"]
 
-    return Estimator(name, sees, attitude)
+    return AttitudeEstimator(name, sees, attitude)

@@ -21,12 +21,12 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack.compiled_runner import CompiledRunner
 from harness.common.types import FloatArray
-from harness.reproduce.experiments.broad import LIMITS, THINNED, BoolArray, Trial, since
+from harness.reproduce.experiments.broad import LIMITS, THINNED, BoolArray, BroadTrial, since
 
-__all__ = ["SETTINGS", "Errors", "Followed", "errors", "follow", "occlusions"]
+__all__ = ["SETTINGS", "FilteredTrial", "PoseErrors", "errors", "follow", "occlusions"]
 
 SETTINGS: Mapping[str, float] = {
     **LIMITS,
@@ -52,7 +52,7 @@ SETTINGS: Mapping[str, float] = {
 
 
 @dataclass(frozen=True)
-class Errors:
+class PoseErrors:
     """Root mean squares, one value for each number of steps or each duration.
 
     Attributes:
@@ -67,7 +67,7 @@ class Errors:
 
 
 @dataclass(frozen=True)
-class Followed:
+class FilteredTrial:
     """A run over a trial.
 
     Attributes:
@@ -76,30 +76,32 @@ class Followed:
         outputs: by field, a row for each sample.
     """
 
-    trial: Trial
+    trial: BroadTrial
     new: BoolArray
     outputs: Mapping[str, FloatArray]
 
-    def by_step(self, every: int = THINNED) -> Errors:
-        """Errors of the samples that count, by steps since the last optical sample."""
+    def by_step(self, every: int = THINNED) -> PoseErrors:
+        """Return errors of the samples that count, by steps since the last optical sample."""
         position, attitude = errors(self.trial, self.outputs)
         steps, scored = since(self.new), self.trial.scored()
         groups = [scored & (steps == k) for k in range(every)]
         return _summed([(position[g], attitude[g]) for g in groups])
 
 
-def runner(model: Model, trial: Trial, settings: Mapping[str, Any] = SETTINGS) -> CompiledRunner:
-    """An instance of a model, sampled as the trial is."""
+def runner(
+    model: Model, trial: BroadTrial, settings: Mapping[str, Any] = SETTINGS
+) -> CompiledRunner:
+    """Return an instance of a model, sampled as the trial is."""
     return CompiledRunner(dataclasses.replace(model, sample_period=trial.period), settings)
 
 
 def follow(
     model: Model,
-    trial: Trial,
+    trial: BroadTrial,
     every: int = THINNED,
     late: int = 0,
     settings: Mapping[str, Any] = SETTINGS,
-) -> Followed:
+) -> FilteredTrial:
     """Run an estimator over a trial.
 
     Args:
@@ -112,13 +114,13 @@ def follow(
     new = trial.thinned(every)
     inputs = _inputs(model, trial, new, late)
     outputs = runner(model, trial, settings).run(len(trial), inputs)
-    return Followed(trial, new, outputs)
+    return FilteredTrial(trial, new, outputs)
 
 
 def errors(
-    trial: Trial, outputs: Mapping[str, FloatArray], at: slice = slice(None)
+    trial: BroadTrial, outputs: Mapping[str, FloatArray], at: slice = slice(None)
 ) -> tuple[FloatArray, FloatArray]:
-    """Errors of position [m] and attitude [rad] of each sample of a part of a trial."""
+    """Return errors of position [m] and attitude [rad] of each sample of a part of a trial."""
     position = np.linalg.norm(outputs["position"] - trial.position[at], axis=1)
     turned = _rotation(outputs["attitude"]).inv() * _rotation(trial.attitude[at])
     return np.asarray(position), np.asarray(turned.magnitude())
@@ -126,13 +128,13 @@ def errors(
 
 def occlusions(
     model: Model,
-    trial: Trial,
+    trial: BroadTrial,
     durations: Sequence[float],
     every: int = THINNED,
     stride: int = 1,
     settings: Mapping[str, Any] = SETTINGS,
-) -> Errors:
-    """Errors at the end of occlusions that begin after an optical sample, at each of them.
+) -> PoseErrors:
+    """Return errors at the end of occlusions that begin after an optical sample, at each of them.
 
     Args:
         model: with the ports of `OpticalInertialEkf`.
@@ -171,16 +173,16 @@ def _run(
     return instance.run(end - begin, {name: value[begin:end] for name, value in inputs.items()})
 
 
-def _inputs(model: Model, trial: Trial, new: BoolArray, late: int) -> dict[str, FloatArray]:
-    """What of a trial an estimator has ports for."""
+def _inputs(model: Model, trial: BroadTrial, new: BoolArray, late: int) -> dict[str, FloatArray]:
+    """Return the signals of a trial that an estimator has ports for."""
     given = {**trial.inertial(), **trial.optical(new, late)}
     return {name: value for name, value in given.items() if name in model.inputs.fields}
 
 
-def _summed(groups: Sequence[tuple[FloatArray, FloatArray]]) -> Errors:
+def _summed(groups: Sequence[tuple[FloatArray, FloatArray]]) -> PoseErrors:
     squares = [[float(np.sqrt(np.mean(part**2))) for part in pair] for pair in groups]
     position, attitude = np.array(squares).T
-    return Errors(position, attitude, np.array([len(pair[0]) for pair in groups]))
+    return PoseErrors(position, attitude, np.array([len(pair[0]) for pair in groups]))
 
 
 def _rotation(quaternion: FloatArray) -> Rotation:

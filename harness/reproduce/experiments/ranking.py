@@ -16,7 +16,7 @@ def ranking(
     definitions: Sequence[str],
     grey: Container[str] = (),
 ) -> go.Figure:
-    """Bars of mean reductions, with the worst as marks, one panel for each definition.
+    """Draw bars of mean reductions, and the worst as marks, one panel for each definition.
 
     Args:
         rows: by name, from below: mean and worst, each by definition [%].

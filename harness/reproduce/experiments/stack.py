@@ -31,7 +31,7 @@ Stack = Mapping[str, Any]
 
 
 def respond(volts: np.ndarray, rate: float = RATE, parameters: Stack | None = None) -> np.ndarray:
-    """Stroke of a new stack at the end of each sample that a voltage is held for, (n,) [m].
+    """Return the stroke of a new stack at the end of each sample of a held voltage, (n,) [m].
 
     Args:
         volts: (n,) [V].
@@ -45,13 +45,13 @@ def respond(volts: np.ndarray, rate: float = RATE, parameters: Stack | None = No
 
 
 def read(stroke: np.ndarray, seed: int) -> np.ndarray:
-    """The stroke as the displacement sensor reads it, (n,) [m]."""
+    """Read the stroke with the displacement sensor, (n,) [m]."""
     sensor = CompiledRunner(displacement_sensor.MODEL, {"seed": seed})
     return sensor.run(len(stroke), {"stroke": stroke})["measured"]
 
 
 def sine(frequency: float, cycles: int, rate: float = RATE) -> tuple[np.ndarray, np.ndarray]:
-    """Voltage and stroke of the last cycles of a sine from 0 V up that moves the stack by TRAVEL.
+    """Return voltage and stroke of the last cycles of a sine from 0 V up with a stroke of TRAVEL.
 
     Args:
         frequency: [Hz].
@@ -72,7 +72,7 @@ def sine(frequency: float, cycles: int, rate: float = RATE) -> tuple[np.ndarray,
 
 
 def off_line(volts: np.ndarray, stroke: np.ndarray) -> np.ndarray:
-    """What the straight line that fits best leaves of the stroke, (n,) [m]."""
+    """Return what the best straight line leaves of the stroke, (n,) [m]."""
     return stroke - np.polyval(np.polyfit(volts, stroke, 1), volts)
 
 
@@ -83,7 +83,7 @@ def operator(
     dead_zones: Sequence[float] = (0.0,),
     saturation: Sequence[float] = (1.0,),
 ) -> np.ndarray:
-    """Output of a modified Prandtl-Ishlinskii operator of any order, at rest before, (n,) [V].
+    """Return the output of a modified Prandtl-Ishlinskii operator, at rest before, (n,) [V].
 
     All weights are pure numbers here, as in A04 7.2.
 
@@ -106,6 +106,6 @@ def operator(
 
 
 def run_operator(parameters: Mapping[str, Any], volts: np.ndarray) -> np.ndarray:
-    """Stroke of a modified Prandtl-Ishlinskii operator at rest before, (n,) [m]."""
+    """Return stroke of a modified Prandtl-Ishlinskii operator at rest before, (n,) [m]."""
     model = CompiledRunner(prandtl_ishlinskii.MODEL, parameters)
     return model.run(len(volts), {"volts": volts})["stroke"]

@@ -21,7 +21,7 @@ from harness.identify.imu import fit as calibration
 from harness.identify.imu import turntable
 from harness.recordings.turntable import CHANNELS, group_positions, join_positions
 
-__all__ = ["Parameters", "Tilt", "identified", "sweep", "sweeps"]
+__all__ = ["Parameters", "TiltErrors", "identified", "sweep", "sweeps"]
 
 Parameters = Mapping[str, float]
 """Of MicronEstimator, by element."""
@@ -38,7 +38,7 @@ _CALIBRATED, _TESTED = 1, 9  # seeds
 
 
 @dataclass(frozen=True)
-class Tilt:
+class TiltErrors:
     """Errors of the two tilt angles at each test angle, (3 sweeps, 12) [rad].
 
     Attributes:
@@ -52,13 +52,13 @@ class Tilt:
     attitude: FloatArray
 
     def counted(self) -> dict[str, FloatArray]:
-        """Errors of each angle in the sweeps in which it moves."""
+        """Return errors of each angle in the sweeps in which it moves."""
         beta = self.beta[1:]
         return {"alpha": self.alpha[[0, 2]].ravel(), "beta": beta[np.isfinite(beta)]}
 
 
 def sweeps() -> tuple[FloatArray, FloatArray]:
-    """Angles of the three sweeps: alpha, beta, both at once, (36,) [rad].
+    """Return angles of the three sweeps: alpha, beta, both at once, (36,) [rad].
 
     A04 counts alpha from where the instrument's axis is level, which is 90 deg here.
     """
@@ -72,7 +72,7 @@ def sweeps() -> tuple[FloatArray, FloatArray]:
 def identified(
     dwell: float = turntable.DWELL, rooms: tuple[float, ...] = (turntable.ROOM,)
 ) -> dict[str, Parameters]:
-    """Parameters by model: the data sheet's, linear and physical.
+    """Identify parameters by model: those of the data sheet, linear and physical ones.
 
     Args:
         dwell: of the calibration at each pair of angles [s].
@@ -98,8 +98,8 @@ def sweep(
     seed: int = _TESTED,
     room: float = turntable.ROOM,
     progress: Callable[[int, int], None] = lambda done, count: None,
-) -> dict[str, Tilt]:
-    """Errors of the estimator's attitude after some samples at the angles of the sweeps.
+) -> dict[str, TiltErrors]:
+    """Return errors of the estimator's attitude after some samples at the angles of the sweeps.
 
     It starts anew at each, with means of a fifth of the dwell as its samples: what errs is what
     calibration leaves.
@@ -108,7 +108,7 @@ def sweep(
         models: parameters of the estimator by name.
         seed: of noise and turntable.
         room: its temperature [degC].
-        progress: told the angles done, and of all.
+        progress: called with the number of angles done, and of all angles.
     """
     alpha, beta = sweeps()
     done = turntable.simulate(
@@ -131,15 +131,15 @@ def sweep(
 def _attitudes(parameters: Parameters, done: turntable.TurntableRun) -> Rotation:
     found, rows = [], turntable.ROWS
     for k in range(0, len(done.volts), rows):
-        told = {
+        inputs = {
             "volts": done.volts[k : k + rows],
             "temperature": done.temperature[k : k + rows],
         }
-        found.append(Runner(MODEL, parameters).run(rows, told)["attitude"][-1])
+        found.append(Runner(MODEL, parameters).run(rows, inputs)["attitude"][-1])
     return Rotation.from_quat(np.roll(found, -1, axis=1))
 
 
-def _errors(found: Rotation, truth: Rotation, alpha: FloatArray, beta: FloatArray) -> Tilt:
+def _errors(found: Rotation, truth: Rotation, alpha: FloatArray, beta: FloatArray) -> TiltErrors:
     up = truth.inv().apply([0.0, 0.0, 1.0])
     # The rotation that takes the true vertical to the estimated one, along the axes of the angles.
     off = np.cross(up, found.inv().apply([0.0, 0.0, 1.0]))
@@ -149,7 +149,7 @@ def _errors(found: Rotation, truth: Rotation, alpha: FloatArray, beta: FloatArra
     turn = np.where(
         seen, np.sum(off * np.cross(up, axis), axis=1) / np.where(seen, across, 1.0), np.nan
     )
-    return Tilt(
+    return TiltErrors(
         np.sum(off * axis, axis=1).reshape(3, -1),
         turn.reshape(3, -1),
         (truth.inv() * found).magnitude().reshape(3, -1),

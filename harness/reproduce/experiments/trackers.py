@@ -14,7 +14,7 @@ import numpy as np
 from scipy.spatial.transform import Rotation
 
 from fmu_src.estimation import em_ekf, optical_ekf
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack.compiled_runner import CompiledRunner
 from harness.common.types import FloatArray
 from harness.scenario.load import load
@@ -55,7 +55,7 @@ class EmRun:
     printed: Outputs
 
     def attitudes(self) -> dict[str, FloatArray]:
-        """Quaternions by what gives them, (n, 4)."""
+        """Return quaternions by what gives them, (n, 4)."""
         return {
             "tracker alone": self.tracker["em_attitude"],
             "fused, switched as printed": self.printed["attitude"],
@@ -85,7 +85,7 @@ class OpticalRun:
 
 
 def settings(scenario: str, part: str) -> dict[str, Any]:
-    """Values that a scenario gives a part, by dotted name."""
+    """Return values that a scenario gives a part, by dotted name."""
 
     def flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:
         for name, value in table.items():
@@ -116,7 +116,7 @@ def _moved(scenario: str, seconds: float) -> tuple[FloatArray, Outputs, Outputs,
 def em_run(
     seconds: float, metal: FloatArray | None = None, seed: int = 1, **surroundings: Any
 ) -> EmRun:
-    """The scenario `em_tracking`.
+    """Run the scenario `em_tracking`.
 
     Args:
         seconds: how long [s].
@@ -138,12 +138,12 @@ def em_run(
 
 @cache
 def rk_run() -> EmRun:
-    """RK figures 3 and 4: as in the scenario."""
+    """Run the scenario of RK figures 3 and 4 as it is shipped."""
     return em_run(load(EM).seconds)
 
 
 def optical_run(seconds: float, occluded: FloatArray | None = None, seed: int = 1) -> OpticalRun:
-    """The scenario `optical_tracking`, its occlusions replaced by given ones.
+    """Run the scenario `optical_tracking`, its occlusions replaced by given ones.
 
     Args:
         seconds: how long [s].
@@ -165,33 +165,33 @@ def optical_run(seconds: float, occluded: FloatArray | None = None, seed: int = 
 
 
 def rotation(quaternions: FloatArray) -> Rotation:
-    """Attitudes of quaternions, scalar first, (n, 4)."""
+    """Return attitudes of quaternions, scalar first, (n, 4)."""
     return Rotation.from_quat(quaternions, scalar_first=True)
 
 
-def total(found: FloatArray, true: FloatArray) -> FloatArray:
-    """Angle between attitudes, (n,) [deg]."""
+def total_angle(found: FloatArray, true: FloatArray) -> FloatArray:
+    """Return angle between attitudes, (n,) [deg]."""
     return np.degrees((rotation(true).inv() * rotation(found)).magnitude())
 
 
 def angles(quaternions: FloatArray) -> FloatArray:
-    """Roll, pitch and yaw, (n, 3) [deg]."""
+    """Return roll, pitch and yaw, (n, 3) [deg]."""
     turned: FloatArray = np.degrees(rotation(quaternions).as_euler("ZYX"))[:, ::-1]
     return turned
 
 
-def apart(found: FloatArray, true: FloatArray) -> FloatArray:
-    """Errors of roll, pitch and yaw, (n, 3) [deg]."""
+def angle_errors(found: FloatArray, true: FloatArray) -> FloatArray:
+    """Return errors of roll, pitch and yaw, (n, 3) [deg]."""
     return (angles(found) - angles(true) + 180) % 360 - 180
 
 
 def rms(values: FloatArray) -> float:
-    """Root of the mean square."""
+    """Return the root mean square."""
     return float(np.sqrt(np.mean(np.square(values))))
 
 
 def overshoot(run: EmRun, error: FloatArray) -> float:
-    """Largest error within `AFTER` of a start or a stop of the robot."""
+    """Return the largest error within `AFTER` of a start or a stop of the robot."""
     moving = run.robot["moving"] > 0
     edges = np.flatnonzero(np.diff(moving.astype(int))) + 1
     span = round(AFTER / T)

@@ -20,7 +20,7 @@ from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
 from fmu_src.device import design
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.pack.compiled_runner import CompiledRunner
 from fmu_src.piezo import (
     inverse_modulated_stops,
@@ -64,12 +64,12 @@ SEEDS = {"sine": 71, "sweep": 72, "excitation": 1}
 
 
 def tone(frequency: float) -> np.ndarray:
-    """A sine from its lowest point on, any size."""
+    """Return a sine from its lowest point on, any size."""
     return -np.cos(2 * np.pi * frequency * np.arange(round(SECONDS * RATE)) / RATE)
 
 
 def profile(number: int = 0) -> np.ndarray:
-    """1, 10 and 19 Hz together, each swelling and fading (A04 table 7.2), any size.
+    """Return 1, 10 and 19 Hz together, each swelling and fading (A04 table 7.2), any size.
 
     Args:
         number: of the choice of phases.
@@ -85,7 +85,7 @@ def profile(number: int = 0) -> np.ndarray:
 
 
 def tremor(path: Path) -> np.ndarray:
-    """5 s of the tremor of a recorded hand along x, from 4 s on, at 1 kHz, any size.
+    """Return 5 s of tremor of a recorded hand along x, from 4 s on, at 1 kHz, any size.
 
     The band-pass is what makes it a demand of tremor; the tracker sees it sample by sample.
 
@@ -104,7 +104,7 @@ def tremor(path: Path) -> np.ndarray:
 
 @dataclass(frozen=True)
 class Track:
-    """What was wanted and what was measured at the same instants.
+    """Demand and measurement at the same instants.
 
     Attributes:
         wanted: (n,) [m].
@@ -121,7 +121,7 @@ class Track:
 
     @property
     def moving(self) -> np.ndarray:
-        """The same less its mean, (n,) [m]: a displacement sensor has no zero."""
+        """Error less its mean, (n,) [m]: a displacement sensor has no zero."""
         return self.error - self.error.mean()
 
 
@@ -144,7 +144,7 @@ class Tracker:
     offset: float
 
     def demand(self, shape: np.ndarray) -> np.ndarray:
-        """Exercise, and a shape of TRAVEL peak to peak in the middle of the reach, (n,) [m]."""
+        """Return exercise, and a shape of TRAVEL peak to peak in mid-range, (n,) [m]."""
         volts = np.tile(np.concatenate((np.linspace(0, 1, 500), np.linspace(1, 0, 500))), 2)
         stroke = CompiledRunner(self.forward, dict(self.parameters)).run(
             2000, {"volts": design.STACK_VOLTS * volts}
@@ -158,13 +158,13 @@ class Tracker:
         return np.concatenate((0.6 * high * (1 - np.cos(turn)), rise, wanted))
 
     def volts(self, demand: np.ndarray) -> np.ndarray:
-        """Voltages for a demand, each from what has been demanded until then, (n,) [V]."""
+        """Return voltages for a demand, each from what has been demanded until then, (n,) [V]."""
         named = {f"{self.record}.{name}": value for name, value in self.parameters.items()}
         inverse = CompiledRunner(self.inverse, {**named, "horizon": 1 / RATE})
         return inverse.run(len(demand), {"stroke": demand})["volts"]
 
     def adapted_volts(self, demand: np.ndarray, seed: int, time: float, stack: Stack) -> np.ndarray:
-        """The same with the gain adapted to what a sensor reads of a stack, (n,) [V].
+        """Return voltages with the gain adapted to what a sensor reads of a stack, (n,) [V].
 
         Args:
             demand: (n,) [m].
@@ -214,13 +214,13 @@ class Tracker:
 
 
 def compared(demand: np.ndarray, measured: np.ndarray) -> Track:
-    """The part of a run that counts: measured at the end of each sample, wanted there."""
+    """Return the part of a run that counts: measured at the end of each sample, wanted there."""
     first = EXERCISE + WAY + QUIET
     return Track(demand[first + 1 :], measured[first:-1])
 
 
-def straight(shape: np.ndarray, seed: int) -> Track:
-    """Without a model: a smooth voltage in proportion to the demand, against the best line.
+def track_without_model(shape: np.ndarray, seed: int) -> Track:
+    """Track without a model: a smooth voltage in proportion to the demand.
 
     Args:
         shape: of the demand, any size, (n,).
@@ -240,7 +240,7 @@ def straight(shape: np.ndarray, seed: int) -> Track:
 
 @cache
 def rate_independent() -> Tracker:
-    """The modified operator, from a sine of 10 Hz and 12.5 um p-p (A04 7.4)."""
+    """Identify the modified operator from a sine of 10 Hz and 12.5 um p-p (A04 7.4)."""
     volts, stroke = sine(10.0, round(SECONDS * 10))
     fit = hysteresis.identify_hysteresis(volts, read(stroke, SEEDS["sine"]))
     return Tracker(
@@ -254,7 +254,7 @@ def rate_independent() -> Tracker:
 
 @cache
 def sweep() -> tuple[np.ndarray, np.ndarray, list[slice]]:
-    """Saw-teeth one after the other: voltage, reading, and where each frequency stands."""
+    """Record successive saw-teeth: voltage, reading, and the place of each frequency."""
     parts = hysteresis.sweep(RATE, SWEEP)
     ends = np.cumsum([len(part) for part in parts])
     volts = np.concatenate(parts)
@@ -264,7 +264,7 @@ def sweep() -> tuple[np.ndarray, np.ndarray, list[slice]]:
 
 @cache
 def rate_dependence() -> Tracker:
-    """The rate-dependent operator, from saw-teeth of 0.5 to 40 Hz (A04 7.3.2)."""
+    """Identify the rate-dependent operator from saw-teeth of 0.5 to 40 Hz (A04 7.3.2)."""
     volts, measured, _ = sweep()
     fit = hysteresis.identify_rate_dependence(volts, measured, 1 / RATE)
     return Tracker(
@@ -278,20 +278,20 @@ def rate_dependence() -> Tracker:
 
 @cache
 def recorded() -> tuple[np.ndarray, np.ndarray]:
-    """Excitation for modulated stops and the stroke that answers it, without sensor noise."""
+    """Record the excitation for modulated stops and its stroke, without sensor noise."""
     volts = excitation(RATE)
     return volts, respond(volts)
 
 
 @cache
 def stops() -> Tracker:
-    """Modulated stops, from their excitation."""
+    """Identify modulated stops from their excitation."""
     volts, stroke = recorded()
-    return of_stops(identify_stops(volts, read(stroke, SEEDS["excitation"]), 1 / RATE))
+    return stops_tracker(identify_stops(volts, read(stroke, SEEDS["excitation"]), 1 / RATE))
 
 
-def of_stops(fit: StopsFit) -> Tracker:
-    """Tracker of identified stops."""
+def stops_tracker(fit: StopsFit) -> Tracker:
+    """Return the tracker of identified stops."""
     return Tracker(
         modulated_stops.MODEL,
         inverse_modulated_stops.MODEL,
@@ -306,4 +306,4 @@ CONTROLLERS: dict[str, Callable[[], Tracker]] = {
     "rate-dependent": rate_dependence,
     "modulated stops": stops,
 }
-"""How each column of the tables is tracked; beside them there is `straight`."""
+"""How each column of the tables is tracked; beside them there is `track_without_model`."""

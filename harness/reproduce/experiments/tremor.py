@@ -35,10 +35,10 @@ import numpy as np
 from scipy.interpolate import make_interp_spline
 from scipy.signal import butter, sosfiltfilt
 
-from fmu_src.kit import Model
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Field, Record
-from fmu_src.pack.build import load_model, model_names
 from fmu_src.pack.compiled_runner import CompiledRunner
+from fmu_src.pack.discovery import load_model, model_names
 from harness.recordings.motion import read_recording
 from plants import hand
 
@@ -63,7 +63,7 @@ _SLACK = 1e-6  # of a sample, for instants that are equal but for rounding
 
 
 @dataclass(frozen=True)
-class Motion:
+class TipMotion:
     """A motion of the tip.
 
     Attributes:
@@ -77,12 +77,12 @@ class Motion:
     seconds: float
 
     def instants(self, period: float) -> np.ndarray:
-        """Of samples with some period, (n,) [s]."""
+        """Return times of samples with some period, (n,) [s]."""
         return period * np.arange(int(self.seconds / period + _SLACK) + 1)
 
     @cached_property
     def time(self) -> np.ndarray:
-        """Of what is compared, (n,) [s]."""
+        """Times of what is compared, (n,) [s]."""
         return self.instants(1 / RATE)
 
     @cached_property
@@ -107,7 +107,7 @@ class Motion:
 
 
 @dataclass(frozen=True)
-class Score:
+class TremorReduction:
     """Reduction of tremor by both definitions, mean over the axes [%]."""
 
     a_posteriori: float
@@ -115,7 +115,7 @@ class Score:
 
 
 @dataclass(frozen=True)
-class Filter:
+class TremorFilter:
     """A model that tells tremor from intent.
 
     Attributes:
@@ -132,8 +132,8 @@ class Filter:
         """That it can make up for [s]."""
         return DELAYS if self.horizons else DELAYS[:1]
 
-    def tremor(self, motion: Motion, delay: float = 0.0) -> np.ndarray:
-        """y, what the filter takes for tremor, (n, 3) [m].
+    def tremor(self, motion: TipMotion, delay: float = 0.0) -> np.ndarray:
+        """Return y, what the filter takes for tremor, (n, 3) [m].
 
         Args:
             motion: ideal position.
@@ -150,8 +150,8 @@ class Filter:
         return np.where(latest[:, None] < 0, 0.0, found[np.maximum(latest, 0)])
 
 
-def filters() -> dict[str, Filter]:
-    """Every model of the package of tremor filters from `position` to `tremor`, by name."""
+def filters() -> dict[str, TremorFilter]:
+    """Return all models of the package of tremor filters from `position` to `tremor`, by name."""
     found = {}
     for name in model_names():
         model = load_model(name)
@@ -161,7 +161,7 @@ def filters() -> dict[str, Filter]:
         if model.step.__module__.startswith(PACKAGE) and from_position:
             names = [scalar.name for scalar in model.parameters.scalars()]
             ahead = (name for name in names if name.rpartition(".")[2] == "horizon")
-            found[name] = Filter(model, tuple(ahead))
+            found[name] = TremorFilter(model, tuple(ahead))
     return found
 
 
@@ -170,25 +170,25 @@ def _has_vector(record: type[Record], name: str) -> bool:
     return isinstance(declared, Field) and declared.shape == (3,)
 
 
-def through(name: str, time: np.ndarray, position: np.ndarray) -> Motion:
-    """Motion through samples, by a quintic spline; nothing is smoothed.
+def through(name: str, time: np.ndarray, position: np.ndarray) -> TipMotion:
+    """Return the motion through samples, by a quintic spline; nothing is smoothed.
 
     Args:
         name: for people.
         time: (k,) [s], from 0 on.
         position: (k, 3) [m].
     """
-    return Motion(name, make_interp_spline(time, position, 5), float(time[-1]))
+    return TipMotion(name, make_interp_spline(time, position, 5), float(time[-1]))
 
 
-def recorded(path: Path) -> Motion:
-    """Motion of a recorded hand."""
+def recorded(path: Path) -> TipMotion:
+    """Return motion of a recorded hand."""
     recording = read_recording(path)
     return through(path.stem, recording.time, recording.position)
 
 
-def generated(seed: int = 1) -> Motion:
-    """Motion of the generator, its tremor a tone that wanders over 8 to 12 Hz.
+def generated(seed: int = 1) -> TipMotion:
+    """Return motion of the generator, its tremor a tone that wanders over 8 to 12 Hz.
 
     Args:
         seed: of the motion.
@@ -200,23 +200,23 @@ def generated(seed: int = 1) -> Motion:
 
 
 def sine(t: np.ndarray) -> np.ndarray:
-    """1 Hz, 1 mm amplitude, (k, 3) [m]."""
+    """Return a sine of 1 Hz, 1 mm amplitude, (k, 3) [m]."""
     return 1e-3 * np.outer(np.sin(2 * np.pi * t), DIRECTION)
 
 
 def ramp(t: np.ndarray) -> np.ndarray:
-    """2 mm/s, (k, 3) [m]."""
+    """Return a ramp of 2 mm/s, (k, 3) [m]."""
     return np.outer(2e-3 * t, DIRECTION)
 
 
 def reach(t: np.ndarray) -> np.ndarray:
-    """5 mm within 0.7 s, of least jerk, out of rest after 4 s, (k, 3) [m]."""
+    """Return a reach of 5 mm within 0.7 s, of least jerk, out of rest after 4 s, (k, 3) [m]."""
     s = np.clip((t - 4.0) / 0.7, 0.0, 1.0)
     return 5e-3 * np.outer(s**3 * (10 - 15 * s + 6 * s**2), DIRECTION)
 
 
 def tracing(t: np.ndarray) -> np.ndarray:
-    """A circle of 1 mm radius at 5 mm/s, lying, (k, 3) [m]."""
+    """Return a circle of 1 mm radius at 5 mm/s, lying, (k, 3) [m]."""
     turn = 5.0 * t  # 5 mm/s over 1 mm [rad]
     return 1e-3 * np.column_stack((np.cos(turn) - 1.0, np.sin(turn), np.zeros_like(turn)))
 
@@ -230,13 +230,13 @@ INTENTS = {
 """Motions without any tremor, by name."""
 
 
-def intents() -> Iterable[Motion]:
-    """Motions that a filter should leave alone."""
-    return (Motion(name, at, INTENT_SECONDS) for name, at in INTENTS.items())
+def intents() -> Iterable[TipMotion]:
+    """Return motions that a filter should leave alone."""
+    return (TipMotion(name, at, INTENT_SECONDS) for name, at in INTENTS.items())
 
 
 def zero_phase(order: int, band: tuple[float, float], x: np.ndarray) -> np.ndarray:
-    """Butterworth band-pass forwards and backwards, (n, 3).
+    """Filter by a Butterworth band-pass forwards and backwards, (n, 3).
 
     Args:
         order: of the prototype; the band-pass has twice as many poles.
@@ -247,8 +247,8 @@ def zero_phase(order: int, band: tuple[float, float], x: np.ndarray) -> np.ndarr
     return sosfiltfilt(sos, x, axis=0, padlen=min(round(PADDING * RATE), len(x) - 1))
 
 
-def score(motion: Motion, tremor: np.ndarray, counted: slice | None = None) -> Score:
-    """How much of a motion's tremor is found, by both definitions.
+def score(motion: TipMotion, tremor: np.ndarray, counted: slice | None = None) -> TremorReduction:
+    """Score how much of a motion's tremor is found, by both definitions.
 
     Args:
         motion: what the filter has seen.
@@ -257,7 +257,7 @@ def score(motion: Motion, tremor: np.ndarray, counted: slice | None = None) -> S
     """
     part = motion.counted if counted is None else counted
     left = zero_phase(BAND_ORDER, BAND, motion.position - tremor)
-    return Score(
+    return TremorReduction(
         _reduction((motion.target - tremor)[part], motion.target[part]),
         _reduction(left[part], motion.band[part]),
     )
@@ -267,8 +267,8 @@ def _reduction(left: np.ndarray, there: np.ndarray) -> float:
     return 100.0 * float(np.mean(1.0 - np.std(left, axis=0) / np.std(there, axis=0)))
 
 
-def disturbance(motion: Motion, tremor: np.ndarray) -> float:
-    """Rms of what is taken for tremor in a motion without, over that of the motion [%].
+def disturbance(motion: TipMotion, tremor: np.ndarray) -> float:
+    """Return the rms of what is taken for tremor in a motion without, over the motion's rms [%].
 
     The motion's is about its mean.
 
@@ -282,24 +282,24 @@ def disturbance(motion: Motion, tremor: np.ndarray) -> float:
 
 
 @dataclass(frozen=True)
-class Column:
+class FilterScores:
     """One filter on some motions.
 
     Attributes:
         scores: one for each motion.
     """
 
-    scores: Sequence[Score]
+    scores: Sequence[TremorReduction]
 
     @property
-    def mean(self) -> Score:
+    def mean(self) -> TremorReduction:
         """Over the motions."""
-        return Score(*np.mean(self._values, axis=0).tolist())
+        return TremorReduction(*np.mean(self._values, axis=0).tolist())
 
     @property
-    def worst(self) -> Score:
+    def worst(self) -> TremorReduction:
         """Least of the motions, each definition by itself."""
-        return Score(*np.min(self._values, axis=0).tolist())
+        return TremorReduction(*np.min(self._values, axis=0).tolist())
 
     @property
     def _values(self) -> np.ndarray:

@@ -1,4 +1,4 @@
-"""Where the manipulator's tip can be, by the forward kinematics, and how fast it can move."""
+"""Workspace of the manipulator's tip, by the forward kinematics, and its largest speed."""
 
 import itertools
 from dataclasses import dataclass
@@ -36,7 +36,7 @@ class Workspace:
     sphere: float
 
     def extent(self, direction: np.ndarray) -> float:
-        """From end to end along a direction [m].
+        """Return the extent from end to end along a direction [m].
 
         Args:
             direction: unit vector, (3,).
@@ -45,7 +45,7 @@ class Workspace:
 
 
 def workspace() -> Workspace:
-    """The workspace of the shipped dimensions."""
+    """Compute the workspace of the shipped dimensions."""
     p = Geometry.unpack(Geometry.starts())
     longest = float(p.longest_stroke)
     strokes, triangles = _cube(ACROSS)
@@ -72,7 +72,7 @@ def workspace() -> Workspace:
 
 
 def fastest(direction: np.ndarray, stroke_rate: float) -> float:
-    """Largest speed of the tip along a direction at half stroke [m/s].
+    """Return largest speed of the tip along a direction at half stroke [m/s].
 
     Args:
         direction: unit vector in frame 0, (3,).
@@ -86,14 +86,14 @@ def fastest(direction: np.ndarray, stroke_rate: float) -> float:
 
 
 def _evaluated(function: object, p: Geometry, places: np.ndarray) -> np.ndarray:
-    """A kinematic function at many places, (n, 3) to (n, 3)."""
+    """Evaluate a kinematic function at many places, (n, 3) to (n, 3)."""
     place = ca.SX.sym("place", 3)
     mapped = ca.Function("mapped", [place], [function(p, place)]).map(len(places))  # type: ignore
     return np.array(mapped(places.T)).T
 
 
 def _cube(steps: int) -> tuple[np.ndarray, np.ndarray]:
-    """Surface of the unit cube: points, (n, 3), and triangles, (m, 3)."""
+    """Return surface of the unit cube: points, (n, 3), and triangles, (m, 3)."""
     grid = np.linspace(0.0, 1.0, steps + 1)
     u, v = (axis.ravel() for axis in np.meshgrid(grid, grid, indexing="ij"))
     corner = np.add.outer(np.arange(steps) * (steps + 1), np.arange(steps)).ravel()
@@ -109,7 +109,7 @@ def _cube(steps: int) -> tuple[np.ndarray, np.ndarray]:
 
 
 def _edges(steps: int) -> np.ndarray:
-    """Edges of the unit cube, (12, steps + 1, 3)."""
+    """Return edges of the unit cube, (12, steps + 1, 3)."""
     grid = np.linspace(0.0, 1.0, steps + 1)
     return np.array(
         [

@@ -16,15 +16,15 @@ from typing import Any
 from urllib.parse import quote
 
 from harness.validation.checks import PROBES, Failure, Level, Note, Skip
+from harness.validation.interface import Status
 from harness.validation.probes.host import (
-    ERROR,
-    OK,
     STEPS,
-    WARNING,
     Host,
     Library,
     Slave,
     compare,
+    initialising,
+    stepped,
 )
 
 _MODEL_EXCHANGE = 0
@@ -41,9 +41,7 @@ def _version(host: Host) -> Iterator[str]:
 
 @PROBES.check("D1.plain", "error", "instantiates, initialises and steps as a master would do it")
 def _plain(host: Host) -> Iterator[str]:
-    slave = Slave(host, logging=True)
-    slave.initialise()
-    slave.run(0, STEPS)
+    slave = stepped(host, STEPS, logging=True)
     slave.need("fmi2Terminate")
     slave.free()
     yield Note(f"{STEPS} steps of {host.step:g} s")
@@ -57,7 +55,7 @@ def _refused(host: Host, what: str, name: bytes | None = b"probe", **more: Any) 
     )
     if component:
         yield f"fmi2Instantiate accepts {what}; it has to return NULL"
-    elif not any(status >= ERROR for _, _, status, _, _ in host.messages):
+    elif not any(status >= Status.Error for _, _, status, _, _ in host.messages):
         yield Note(f"fmi2Instantiate refuses {what}, but no message says why")
 
 
@@ -89,9 +87,7 @@ def _callbacks_null(host: Host) -> Iterator[str]:
 def _logger_null(host: Host) -> Iterator[str]:
     host.doing("fmi2Instantiate")
     Slave.attempt(host, host.library, b"probe", host.callbacks(logger=False), b"", guid=b"wrong")
-    slave = Slave(host, logger=False, logging=True)
-    slave.initialise()
-    slave.run(0, 2)
+    slave = stepped(host, 2, logger=False, logging=True)
     slave.call("fmi2DoStep", host.begin, -1.0, 1)
     slave.free()
     yield from ()
@@ -120,7 +116,7 @@ def _copies(host: Host) -> Iterator[str]:
 
 
 def _uri_works(host: Host, form: str, folder: str = "") -> Iterator[str]:
-    """The same results with the FMU unpacked in `folder` and its resources named in a form."""
+    """Compare results with the FMU unpacked in `folder` and its resources named in a form."""
     here = Path(host.facts["folder"])
     library: Library | None = None
     reference = host.reference_run()
@@ -133,8 +129,7 @@ def _uri_works(host: Host, form: str, folder: str = "") -> Iterator[str]:
     path = (here / "resources").as_posix()
     uri = form.format(path=quote(path, safe="/:").removeprefix("/"))
     try:
-        slave = Slave(host, library, resources=uri.encode())
-        slave.initialise()
+        slave = stepped(host, library=library, resources=uri.encode())
         seen = slave.run(0, STEPS)
         slave.free()
     except Failure as failure:
@@ -189,8 +184,7 @@ def _provoke(host: Host, slave: Slave) -> None:
 
 @PROBES.check("D4.categories", "warning", "messages come in declared categories and are plain text")
 def _categories(host: Host) -> Iterator[str]:
-    slave = Slave(host, logging=True)
-    slave.initialise()
+    slave = stepped(host, logging=True)
     _provoke(host, slave)
     declared = set(host.facts["categories"])
     found = {(category, text) for *_, category, text in host.messages}
@@ -204,8 +198,7 @@ def _categories(host: Host) -> Iterator[str]:
 
 @PROBES.check("D4.format", "error", "text from outside is never used as a printf format")
 def _format(host: Host) -> Iterator[str]:
-    slave = Slave(host, name=b"%s%n%s%n 100% #r1#", logging=True)
-    slave.initialise()
+    slave = stepped(host, name=b"%s%n%s%n 100% #r1#", logging=True)
     _provoke(host, slave)
     slave.free()
     host.messages.clear()
@@ -220,10 +213,10 @@ def _debug_logging(host: Host) -> Iterator[str]:
     slave.need("fmi2SetDebugLogging", 1, c_size_t(0), None)
     for category in host.facts["categories"]:
         names = (c_char_p * 1)(category.encode())
-        if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) != OK:
+        if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) != Status.OK:
             yield f"the declared category '{category}' is refused"
     names = (c_char_p * 1)(b"no such category")
-    if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) < WARNING:
+    if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) < Status.Warning:
         yield "an unknown category is accepted in silence"
 
 
@@ -240,28 +233,22 @@ def _free_null(host: Host) -> Iterator[str]:
 @PROBES.check("D13.free_anywhere", "error", "can be freed in every state, and read once terminated")
 def _free_anywhere(host: Host) -> Iterator[str]:
     Slave(host).free()
-    slave = Slave(host)
-    slave.setup()
-    slave.need("fmi2EnterInitializationMode")
+    slave = initialising(host)
     slave.free()
-    slave = Slave(host)
-    slave.initialise()
+    slave = stepped(host)
     slave.free()
-    slave = Slave(host)
-    slave.initialise()
+    slave = stepped(host)
     last = slave.run(0, 3)[-1]
     slave.call("fmi2DoStep", math.nan, -1.0, 1)
     slave.free()
-    slave = Slave(host)
-    slave.initialise()
-    slave.run(0, 3)
+    slave = stepped(host, 3)
     slave.need("fmi2Terminate")
     yield from compare([slave.values()], [last], "values after fmi2Terminate")
     slave.free()
 
 
 def _surroundings(host: Host) -> dict[str, object]:
-    """What a guest has to leave alone."""
+    """Return the settings of the process that an FMU has to leave alone."""
     # Results that come out differently with another rounding mode, or with denormals off. The
     # factor comes from outside, else Python would compute all of this before it runs.
     one = float(host.facts["one"])
@@ -293,9 +280,7 @@ def _surroundings(host: Host) -> dict[str, object]:
 @PROBES.check("B5.surroundings", "warning", "leaves the process as it was")
 def _left_alone(host: Host) -> Iterator[str]:
     before = _surroundings(host)
-    slave = Slave(host)
-    slave.initialise()
-    slave.run(0, STEPS)
+    slave = stepped(host, STEPS)
     slave.need("fmi2Terminate")
     slave.free()
     for what, now in _surroundings(host).items():

@@ -10,8 +10,8 @@ from ctypes import c_double, c_int
 from functools import partial
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import STATUS
-from harness.validation.probes.host import DISCARD, OK, STEPS, WARNING, Host, Slave, compare, number
+from harness.validation.interface import Status
+from harness.validation.probes.host import STEPS, Host, Slave, compare, number, stepped
 
 _LAST_SUCCESSFUL_TIME = 2
 _LONG = 8
@@ -22,20 +22,19 @@ _COSTED = 2000
 
 
 def _bad_step(host: Host, h: float) -> Iterator[str]:
-    slave = Slave(host)
-    slave.initialise()
+    slave = stepped(host)
     seen = slave.run(0, 3)
     t = host.begin + 3 * host.step
     host.doing(f"fmi2DoStep with a step of {h} s")
     status = slave.call("fmi2DoStep", t, h, 1)
-    if status <= WARNING:
-        yield f"a communication step of {h} s returned {STATUS[status]}"
+    if status <= Status.Warning:
+        yield f"a communication step of {h} s returned {status.name}"
         return
     yield from _goes_on(host, slave, seen, f"after a step of {h} s was refused")
 
 
 def _goes_on(host: Host, slave: Slave, seen: list[tuple[bytes, ...]], what: str) -> Iterator[str]:
-    """Note whether a refused step left the FMU as it was."""
+    """Note if a refused step has changed the FMU."""
     try:
         after = slave.run(len(seen), 3)
     except Failure as failure:
@@ -57,16 +56,15 @@ for _id, _h in (
 @PROBES.check("D8.step_huge", "warning", "any finite step ends in bounded time")
 def _huge(host: Host) -> Iterator[str]:
     for h in (1e9, 1e300):
-        slave = Slave(host)
-        slave.initialise()
+        slave = stepped(host)
         host.doing(f"fmi2DoStep with a step of {h:g} s")
         begun = time.monotonic()
         status = slave.call("fmi2DoStep", host.begin, h, 1)
-        yield Note(f"{h:g} s: {STATUS[status]} after {time.monotonic() - begun:.2g} s")
-        if status == DISCARD:
+        yield Note(f"{h:g} s: {status.name} after {time.monotonic() - begun:.2g} s")
+        if status == Status.Discard:
             last = c_double(math.nan)
             status = slave.call("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, ctypes.byref(last))
-            if status != OK or not math.isfinite(last.value):
+            if status != Status.OK or not math.isfinite(last.value):
                 yield "after Discard fmi2GetRealStatus gives no last successful time"
 
 
@@ -76,11 +74,9 @@ def _wrong_time(host: Host) -> Iterator[str]:
         *(("NaN", math.nan), ("in the future", host.begin + 50 * host.step)),
         ("in the past", host.begin - 2 * host.step),
     ):
-        slave = Slave(host)
-        slave.initialise()
-        slave.run(0, 3)
+        slave = stepped(host, 3)
         host.doing(f"fmi2DoStep at t = {t} s")
-        if slave.call("fmi2DoStep", t, host.step, 1) <= WARNING:
+        if slave.call("fmi2DoStep", t, host.step, 1) <= Status.Warning:
             yield f"a step at t = {t:g} s ({what}) is taken, the last one ended elsewhere"
 
 
@@ -90,7 +86,7 @@ def _stop(host: Host) -> Iterator[str]:
     slave.initialise(stop=host.begin + 5 * host.step)
     slave.run(0, 5)
     status = slave.call("fmi2DoStep", host.begin + 5 * host.step, host.step, 1)
-    if status <= WARNING:
+    if status <= Status.Warning:
         yield "a step past the stop time of fmi2SetupExperiment is taken"
 
 
@@ -108,15 +104,14 @@ def _start(host: Host) -> Iterator[str]:
 @PROBES.check("D8.rounding", "error", "accepts times that are added up as well as multiplied")
 def _rounding(host: Host) -> Iterator[str]:
     for way in ("sum of", "product with"):
-        slave = Slave(host)
-        slave.initialise()
+        slave = stepped(host)
         t = host.begin
         for k in range(_COSTED):
             status = slave.call("fmi2DoStep", t, host.step, 1)
-            if status > WARNING:
+            if status > Status.Warning:
                 yield (
                     f"step {k + 1} at t = {t!r} s, the {way} {k} steps, "
-                    f"returned {STATUS[status]}{host.said()}"
+                    f"returned {status.name}{host.said()}"
                 )
                 break
             t = t + host.step if way == "sum of" else host.begin + (k + 1) * host.step
@@ -145,8 +140,7 @@ def _one_long(host: Host) -> Iterator[str]:
 
 @PROBES.check("D8.no_set_state", "error", "noSetFMUStatePriorToCurrentPoint changes no result")
 def _no_set_state(host: Host) -> Iterator[str]:
-    slave = Slave(host)
-    slave.initialise()
+    slave = stepped(host)
     seen = []
     for k in range(STEPS):
         slave.stimulate(k)
@@ -157,16 +151,14 @@ def _no_set_state(host: Host) -> Iterator[str]:
 
 @PROBES.check("D9.status", "error", "functions that ask for a status answer")
 def _status(host: Host) -> Iterator[str]:
-    slave = Slave(host)
-    slave.initialise()
-    slave.run(0, 2)
+    slave = stepped(host, 2)
     value = c_int(-1)
     for name in ("fmi2GetStatus", "fmi2GetIntegerStatus", "fmi2GetBooleanStatus"):
         for kind in range(4):
             host.doing(f"{name}({kind})")
             slave.call(name, kind, ctypes.byref(value))
     last = c_double(math.nan)
-    if slave.call("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, ctypes.byref(last)) == OK:
+    if slave.call("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, ctypes.byref(last)) == Status.OK:
         wanted = host.begin + 2 * host.step
         if not math.isclose(last.value, wanted, rel_tol=1e-9, abs_tol=1e-12):
             yield f"the last successful time is {last.value!r} s, it should be {wanted!r} s"
@@ -174,8 +166,7 @@ def _status(host: Host) -> Iterator[str]:
 
 @PROBES.check("D17.cost", "info", "cost of a step")
 def _cost(host: Host) -> Iterator[str]:
-    slave = Slave(host)
-    slave.initialise()
+    slave = stepped(host)
     step, component, h = host.library.fmi2DoStep, slave.component, host.step
     spent = []
     for k in range(_COSTED):
@@ -183,8 +174,8 @@ def _cost(host: Host) -> Iterator[str]:
         since = time.perf_counter()
         status = step(component, t, h, 1)
         spent.append(time.perf_counter() - since)
-        if status > WARNING:
-            raise Failure(f"step {k + 1} returned {STATUS[status]}{host.said()}")
+        if status > Status.Warning:
+            raise Failure(f"step {k + 1} returned {Status(status).name}{host.said()}")
     spent.sort()
     yield Note(
         f"fmi2DoStep of {h:g} s: median {spent[_COSTED // 2] * 1e6:.2f} us, "

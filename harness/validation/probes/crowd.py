@@ -12,7 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from harness.validation.checks import PROBES, Note, Skip
-from harness.validation.probes.host import STEPS, Bits, Host, Library, Slave, compare
+from harness.validation.probes.host import STEPS, Bits, Host, Library, Slave, compare, stepped
 from harness.validation.probes.process import resident
 
 _INSTANCES, _THREADS = 100, 8
@@ -58,8 +58,7 @@ def _threads(host: Host) -> Iterator[str]:
     reference = host.reference_run(STEPS // 2)
 
     def life(n: int) -> list[Bits]:
-        slave = Slave(host, name=b"number %d" % n)
-        slave.initialise()
+        slave = stepped(host, name=b"number %d" % n)
         seen = slave.run(0, STEPS // 2)
         slave.free()
         return seen
@@ -76,9 +75,7 @@ def _lives(host: Host) -> Iterator[str]:
     def live(times: int) -> int:
         end = time.monotonic() + _LIFE_SECONDS
         for n in range(times):
-            slave = Slave(host)
-            slave.initialise()
-            slave.run(0, 1)
+            slave = stepped(host, 1)
             slave.free()
             if time.monotonic() > end:
                 return n + 1
@@ -98,8 +95,7 @@ def _reload(host: Host) -> Iterator[str]:
     def load(times: int) -> None:
         for _ in range(times):
             library = Library(host, host.facts["library"])
-            slave = Slave(host, library)
-            slave.initialise()
+            slave = stepped(host, library=library)
             slave.free()
             host.doing("unloading the binary")
             handle = library.handle._handle

@@ -17,9 +17,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.validation.checks import Failure, Skip
-from harness.validation.interface import SIGNATURES, STATUS
+from harness.validation.interface import SIGNATURES, Status
 
-OK, WARNING, DISCARD, ERROR, FATAL, PENDING = range(6)
 CO_SIMULATION = 1
 STEPS = 40
 """Steps of a run that results are compared over."""
@@ -50,10 +49,10 @@ class Callbacks(ctypes.Structure):
 
 
 class Host:
-    """What the probes know of the FMU, and the tools that they share.
+    """Knowledge of the FMU, and tools that all probes share.
 
     Attributes:
-        facts: as made by `harness.validation.facts.gather`.
+        facts: of the description, and paths, as made by `harness.validation.running`.
         messages: (environment, instance name, status, category, text) of the logger, in order.
     """
 
@@ -79,12 +78,12 @@ class Host:
         self.messages.append((environment or 0, name, status, category, message))
 
     def said(self) -> str:
-        """The last message, for the end of a sentence."""
-        texts = [text for *_, status, _, text in self.messages if text and status >= WARNING]
+        """Return the last message, for the end of a sentence."""
+        texts = [text for *_, status, _, text in self.messages if text and status >= Status.Warning]
         return f" ({texts[-1].decode('utf-8', 'replace').strip()})" if texts else ""
 
     def doing(self, text: str) -> None:
-        """Note what is being done, in case this process does not live to tell.
+        """Write what is being done, in case this process does not live to tell.
 
         What begins with the name of a function stays until another one is called.
         """
@@ -93,19 +92,19 @@ class Host:
         self._doing.write(text.encode()[:_WIDTH].ljust(_WIDTH))
 
     def calling(self, name: str) -> None:
-        """Note the call of a function, unless more is known about it."""
+        """Write the call of a function, unless more is known about it."""
         if not self._said.startswith(name):
             self.doing(name)
 
     @property
     def library(self) -> Library:
-        """The FMU's binary, loaded once."""
+        """Binary of the FMU, loaded once."""
         if self._library is None:
             self._library = Library(self, self.facts["library"])
         return self._library
 
     def callbacks(self, environment: int = 0, logger: bool = True) -> Callbacks:
-        """Callback functions; the logger's arguments are put in by fmpy's native proxy."""
+        """Return callback functions; fmpy's native proxy puts in the logger's arguments."""
         callbacks = Callbacks()
         log, allocate, release = self._alive
         callbacks.logger = ctypes.cast(log, c_void_p).value if logger else None
@@ -120,7 +119,7 @@ class Host:
         return callbacks
 
     def variables(self, *types: str, **wanted: str) -> list[dict[str, Any]]:
-        """Variables of some types whose attributes are as wanted."""
+        """Return variables of some types whose attributes are as wanted."""
         return [
             v
             for v in self.facts["variables"]
@@ -153,9 +152,8 @@ class Host:
         return float(self.facts["start"])
 
     def reference_run(self, count: int = STEPS) -> list[Bits]:
-        """What a fresh instance gives, undisturbed."""
-        slave = Slave(self)
-        slave.initialise()
+        """Run a fresh instance, undisturbed, and return its values."""
+        slave = stepped(self)
         seen = slave.run(0, count)
         slave.free()
         return seen
@@ -173,7 +171,7 @@ class Library:
         self._functions: dict[str, Any] = {}
 
     def __getattr__(self, name: str) -> Any:
-        """A function of the standard.
+        """Return a function of the standard.
 
         Raises:
             Skip: the binary does not export it.
@@ -252,13 +250,13 @@ class Slave:
         )
         return result
 
-    def call(self, name: str, *arguments: Any) -> int:
+    def call(self, name: str, *arguments: Any) -> Status:
         """Call a function with this component and return the status."""
         self.host.calling(name)
         status = int(getattr(self.library, name)(self.component, *arguments))
-        if not OK <= status <= PENDING:
+        if not Status.OK <= status <= Status.Pending:
             raise Failure(f"{name} returned {status}, which is no status")
-        return status
+        return Status(status)
 
     def need(self, name: str, *arguments: Any) -> None:
         """Call a function that has to succeed.
@@ -267,16 +265,16 @@ class Slave:
             Failure: it did not.
         """
         status = self.call(name, *arguments)
-        if status > WARNING:
-            raise Failure(f"{name} returned {STATUS[status]}{self.host.said()}")
+        if status > Status.Warning:
+            raise Failure(f"{name} returned {status.name}{self.host.said()}")
 
     def setup(self, start: float | None = None, stop: float | None = None) -> None:
-        """fmi2SetupExperiment."""
+        """Call fmi2SetupExperiment."""
         start = self.host.begin if start is None else start
         self.need("fmi2SetupExperiment", 0, 0.0, start, int(stop is not None), stop or 0.0)
 
     def initialise(self, start: float | None = None, stop: float | None = None) -> None:
-        """From a new instance to one that is ready to step."""
+        """Bring a new instance to where it is ready to step."""
         self.setup(start, stop)
         self.need("fmi2EnterInitializationMode")
         self.need("fmi2ExitInitializationMode")
@@ -297,26 +295,26 @@ class Slave:
         return seen
 
     def values(self) -> Bits:
-        """All variables that can be read, as bits."""
+        """Return all variables that can be read, as bits."""
         for kind, buffer in self._readable.items():
             if buffer.count:
                 self.need(f"fmi2Get{kind}", *buffer.arguments)
         return tuple(bytes(buffer.values) for buffer in self._readable.values())
 
     def get(self, variable: dict[str, Any]) -> Any:
-        """Value of one Real, Integer or Boolean variable."""
+        """Return value of one Real, Integer or Boolean variable."""
         buffer = _Buffer(variable["type"], [variable["reference"]])
         self.need(f"fmi2Get{variable['type']}", *buffer.arguments)
         return buffer.values[0]
 
-    def set_to(self, variable: dict[str, Any], value: Any) -> int:
+    def set_to(self, variable: dict[str, Any], value: Any) -> Status:
         """Set one variable; returns the status."""
         buffer = _Buffer(variable["type"], [variable["reference"]])
         buffer.values[0] = value
         return self.call(f"fmi2Set{variable['type']}", *buffer.arguments)
 
     def state(self) -> c_void_p:
-        """A state of the instance now."""
+        """Get the state of the instance now."""
         state = c_void_p()
         self.need("fmi2GetFMUstate", ctypes.byref(state))
         if not state:
@@ -324,7 +322,7 @@ class Slave:
         return state
 
     def restore(self, state: c_void_p) -> None:
-        """Back to a state."""
+        """Set the instance back to a state."""
         self.need("fmi2SetFMUstate", state)
 
     def forget(self, state: c_void_p) -> None:
@@ -332,10 +330,26 @@ class Slave:
         self.need("fmi2FreeFMUstate", ctypes.byref(state))
 
     def free(self) -> None:
-        """fmi2FreeInstance."""
+        """Call fmi2FreeInstance."""
         self.host.doing("fmi2FreeInstance")
         self.library.fmi2FreeInstance(self.component)
         self.component = None
+
+
+def stepped(host: Host, steps: int = 0, **more: Any) -> Slave:
+    """Return an instance that is initialised and has made some steps; `more` as for `Slave`."""
+    slave = Slave(host, **more)
+    slave.initialise()
+    slave.run(0, steps)
+    return slave
+
+
+def initialising(host: Host, start: float | None = None) -> Slave:
+    """Return an instance in initialisation mode."""
+    slave = Slave(host)
+    slave.setup(start)
+    slave.need("fmi2EnterInitializationMode")
+    return slave
 
 
 class _Buffer:
@@ -349,26 +363,26 @@ class _Buffer:
 
 
 def reals(variable: dict[str, Any], value: float) -> tuple[Any, ...]:
-    """Arguments of a set of one Real variable."""
+    """Return arguments of a set of one Real variable."""
     buffer = _Buffer("Real", [variable["reference"]])
     buffer.values[0] = value
     return buffer.arguments
 
 
 def near_start(variable: dict[str, Any], share: float) -> float:
-    """A value of an input close to its start; `share` from -1 to 1 is how far to go."""
+    """Return a value of an input close to its start; `share`, -1 to 1, is how far to go."""
     start = float(variable["start"] or 0.0)
     reach = _AMPLITUDE * float(variable["nominal"] or abs(start) or 1.0)
     return min(max(start + share * reach, variable["low"]), variable["high"])
 
 
 def number(bits: Bits) -> list[float]:
-    """The Real ones among the values."""
+    """Return the Real values."""
     return list(struct.unpack(f"{len(bits[0]) // 8}d", bits[0]))
 
 
 def compare(left: Sequence[Bits], right: Sequence[Bits], what: str) -> list[str]:
-    """Where two runs part, as a list of no or one sentence."""
+    """Return a list of no sentence, or of one that says where two runs part."""
     for k, (one, other) in enumerate(zip(left, right, strict=True)):
         if one != other:
             return [f"{what}: not the same from step {k + 1} of {len(left)} on"]

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from ctypes import c_size_t, c_void_p
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import STATUS
-from harness.validation.probes.host import DISCARD, FATAL, STEPS, WARNING, Host, Slave, compare
+from harness.validation.interface import Status
+from harness.validation.probes.host import STEPS, Host, Slave, compare, stepped
 from harness.validation.probes.process import resident
 
 _FLIPS = 4000
@@ -24,10 +24,7 @@ _GROWTH = 2**20
 def _under_way(host: Host) -> Slave:
     if not host.facts["has_state"]:
         raise Skip("canGetAndSetFMUstate is false")
-    slave = Slave(host)
-    slave.initialise()
-    slave.run(0, STEPS)
-    return slave
+    return stepped(host, STEPS)
 
 
 @PROBES.check("D11.replay", "error", "a run from a restored state is the same bit for bit")
@@ -75,8 +72,7 @@ def _other_instance(host: Host) -> Iterator[str]:
     slave = _under_way(host)
     state = slave.state()
     first = slave.run(STEPS, STEPS)
-    other = Slave(host, name=b"other")
-    other.initialise()
+    other = stepped(host, name=b"other")
     other.restore(state)
     yield from compare(other.run(STEPS, STEPS), first, "restored in another instance")
 
@@ -93,8 +89,10 @@ def _null(host: Host) -> Iterator[str]:
     ):
         host.doing(f"{name} with NULL")
         status = slave.call(name, *arguments)
-        if status == FATAL or (refused is not None and (status >= DISCARD) != refused):
-            yield f"{name} with NULL returned {STATUS[status]}"
+        if status == Status.Fatal or (
+            refused is not None and (status >= Status.Discard) != refused
+        ):
+            yield f"{name} with NULL returned {status.name}"
 
 
 @PROBES.check("D11.growth", "warning", "getting and setting states many times takes no more memory")
@@ -136,7 +134,7 @@ def _serialising(host: Host) -> tuple[Slave, bytes]:
     return slave, _bytes(slave, slave.state())
 
 
-def _revive(slave: Slave, content: bytes) -> tuple[int, c_void_p]:
+def _revive(slave: Slave, content: bytes) -> tuple[Status, c_void_p]:
     state = c_void_p()
     status = slave.call(
         "fmi2DeSerializeFMUstate", content, c_size_t(len(content)), ctypes.byref(state)
@@ -150,11 +148,10 @@ def _serialised(host: Host) -> Iterator[str]:
     if _bytes(slave, slave.state()) != content:
         yield "the same state serialised twice gives different bytes"
     first = slave.run(STEPS, STEPS)
-    other = Slave(host, name=b"other")
-    other.initialise()
+    other = stepped(host, name=b"other")
     status, state = _revive(other, content)
-    if status > WARNING:
-        raise Failure(f"fmi2DeSerializeFMUstate returned {STATUS[status]}{host.said()}")
+    if status > Status.Warning:
+        raise Failure(f"fmi2DeSerializeFMUstate returned {status.name}{host.said()}")
     other.restore(state)
     yield from compare(other.run(STEPS, STEPS), first, "from a serialised state")
     yield Note(f"{len(content)} bytes")
@@ -174,10 +171,10 @@ def _damaged(host: Host) -> Iterator[str]:
         damaged[at // 8] ^= 1 << at % 8
         host.doing(f"fmi2DeSerializeFMUstate with bit {at % 8} of byte {at // 8} flipped")
         status, state = _revive(slave, bytes(damaged))
-        if status <= WARNING:
+        if status <= Status.Warning:
             accepted.append(at // 8)
             host.doing(f"fmi2SetFMUstate of a state with bit {at % 8} of byte {at // 8} flipped")
-            if state and slave.call("fmi2SetFMUstate", state) <= WARNING:
+            if state and slave.call("fmi2SetFMUstate", state) <= Status.Warning:
                 # What a damaged state gives need not be sound, but must not end the process.
                 with contextlib.suppress(Failure):
                     slave.values()
@@ -207,5 +204,5 @@ def _length(host: Host) -> Iterator[str]:
     ):
         host.doing(f"fmi2DeSerializeFMUstate with a state {what}")
         status, _ = _revive(slave, wrong)
-        if status <= WARNING:
+        if status <= Status.Warning:
             yield f"a serialised state {what} is accepted"

@@ -1,4 +1,4 @@
-"""What this process uses."""
+"""Resources that this process uses."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ __all__ = ["resident"]
 
 
 def resident() -> int:
-    """Memory of this process that is in use [byte].
+    """Return the memory of this process that is in use [byte].
 
     Raises:
         Skip: this platform does not say without a library of its own.

@@ -1,4 +1,4 @@
-"""What the FMU computes against what it promises: items A7, C3."""
+"""Comparison of what the FMU computes with what it promises: items A7, C3."""
 
 from __future__ import annotations
 
@@ -10,7 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.probes.host import DISCARD, Host, Slave
+from harness.validation.interface import Status
+from harness.validation.probes.host import Host, Slave, initialising
 
 REFERENCES = "extra/org.fmi-standard.fmi-ls-ref"
 """Where an FMU holds reference results (layered standard FMI-LS-REF)."""
@@ -33,9 +34,7 @@ def _derivatives(host: Host) -> Iterator[str]:
     outputs = host.variables("Real", causality="output")
     if not inputs or not outputs:
         raise Skip("needs a Real input and a Real output")
-    slave = Slave(host)
-    slave.setup()
-    slave.need("fmi2EnterInitializationMode")
+    slave = initialising(host)
     # A model may jump or bend at one point, as a quantiser does, but hardly at all of them.
     wrong = [_disagreements(slave, inputs, outputs, k) for k in _POINTS]
     for pair in wrong[0]:
@@ -51,7 +50,7 @@ def _derivatives(host: Host) -> Iterator[str]:
 def _disagreements(
     slave: Slave, inputs: list[dict[str, Any]], outputs: list[dict[str, Any]], k: int
 ) -> dict[tuple[str, str], tuple[float, float]]:
-    """Derivative and finite difference by output and input, where they part at one point."""
+    """Return derivative and finite difference, by output and input, where they disagree."""
     slave.stimulate(k)
     unknown = (c_uint * len(outputs))(*(v["reference"] for v in outputs))
     exact = (c_double * len(outputs))()
@@ -77,7 +76,7 @@ def _agree(exact: float, difference: float, rounding: float) -> bool:
 def _differences(
     slave: Slave, known: dict[str, Any], outputs: list[dict[str, Any]], share: float
 ) -> list[tuple[float, float]] | None:
-    """Central differences of all outputs by one input, and what rounding may make of each.
+    """Return central differences of all outputs by one input, and their rounding errors.
 
     None where the input has no room for them.
     """
@@ -85,7 +84,7 @@ def _differences(
     step = share * float(known["nominal"] or abs(known["start"] or 0.0) or 1.0)
     values = []
     for end in (at - step, at + step):
-        if slave.set_to(known, end) >= DISCARD:
+        if slave.set_to(known, end) >= Status.Discard:
             return None
         values.append([slave.get(v) for v in outputs])
     slave.set_to(known, at)
@@ -153,12 +152,10 @@ def _reproduce(host: Host, path: Path) -> Iterator[str]:
     def put_in(k: int) -> None:
         for name, column in inputs.items():
             value = _at(start + k * step, input_times, column, variables[name])
-            if slave.set_to(variables[name], value) >= DISCARD:
+            if slave.set_to(variables[name], value) >= Status.Discard:
                 raise Failure(f"{base}: '{name}' = {value} is refused{host.said()}")
 
-    slave = Slave(host)
-    slave.setup(start)
-    slave.need("fmi2EnterInitializationMode")
+    slave = initialising(host, start)
     put_in(0)
     slave.need("fmi2ExitInitializationMode")
     scale = {name: max(map(abs, column), default=0.0) for name, column in expected.items()}
@@ -186,7 +183,7 @@ def _reproduce(host: Host, path: Path) -> Iterator[str]:
 
 
 def _at(t: float, times: list[float], column: list[float], variable: dict[str, Any]) -> Any:
-    """Input at a time: interpolated if it is continuous, else held."""
+    """Return the input at a time: interpolated if it is continuous, else held."""
     after = next((n for n, at in enumerate(times) if at > t + 1e-9 * (abs(t) + 1e-3)), len(times))
     before = max(after - 1, 0)
     value = column[before]

@@ -9,39 +9,24 @@ from collections.abc import Callable, Iterator
 from ctypes import c_double, c_int, c_size_t
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import STATUS
+from harness.validation.interface import Status
 from harness.validation.probes.host import (
-    DISCARD,
-    FATAL,
     STEPS,
-    WARNING,
     Bits,
     Host,
     Slave,
     compare,
+    initialising,
     reals,
+    stepped,
 )
 
 _CALLS_OF_A_WALK = 400
 _WALKS = 5
 
 
-def _instantiated(host: Host) -> Slave:
-    return Slave(host)
-
-
-def _initialising(host: Host) -> Slave:
-    slave = Slave(host)
-    slave.setup()
-    slave.need("fmi2EnterInitializationMode")
-    return slave
-
-
 def _stepping(host: Host) -> Slave:
-    slave = Slave(host)
-    slave.initialise()
-    slave.run(0, 2)
-    return slave
+    return stepped(host, 2)
 
 
 def _terminated(host: Host) -> Slave:
@@ -51,8 +36,8 @@ def _terminated(host: Host) -> Slave:
 
 
 _STATES: dict[str, Callable[[Host], Slave]] = {
-    "instantiated": _instantiated,
-    "initialisation mode": _initialising,
+    "instantiated": Slave,
+    "initialisation mode": initialising,
     "step mode": _stepping,
     "terminated": _terminated,
 }
@@ -84,7 +69,7 @@ class _Calls:
         if self.input:
             self.legal["fmi2SetReal"] = _ALL - {"terminated"}
 
-    def make(self, slave: Slave, name: str) -> int:
+    def make(self, slave: Slave, name: str) -> Status:
         host = self._host
         if name == "fmi2SetDebugLogging":
             return slave.call(name, 0, c_size_t(0), None)
@@ -110,8 +95,8 @@ def _legal(host: Host) -> Iterator[str]:
                 continue
             slave = _STATES[state](host)
             status = calls.make(slave, name)
-            if status > WARNING:
-                yield f"{name} when {state} returned {STATUS[status]}{host.said()}"
+            if status > Status.Warning:
+                yield f"{name} when {state} returned {status.name}{host.said()}"
             slave.free()
 
 
@@ -126,9 +111,9 @@ def _illegal(host: Host) -> Iterator[str]:
             slave = make(host)
             host.doing(f"{name} when {state}")
             status = calls.make(slave, name)
-            if status < DISCARD:
-                yield f"{name} when {state} returned {STATUS[status]}"
-            elif status == FATAL:
+            if status < Status.Discard:
+                yield f"{name} when {state} returned {status.name}"
+            elif status == Status.Fatal:
                 yield f"{name} when {state} returned Fatal"
                 continue
             elif state == "step mode":
@@ -146,7 +131,7 @@ def _null(host: Host) -> Iterator[str]:
     slave = _stepping(host)
     for verb in ("Get", "Set"):
         host.doing(f"fmi2{verb}Real with NULL arrays")
-        if slave.call(f"fmi2{verb}Real", None, c_size_t(1), None) < DISCARD:
+        if slave.call(f"fmi2{verb}Real", None, c_size_t(1), None) < Status.Discard:
             yield f"fmi2{verb}Real of one variable with NULL arrays is OK"
     slave.free()
     for name, arguments in (
@@ -156,7 +141,7 @@ def _null(host: Host) -> Iterator[str]:
         ("fmi2GetReal", (None, c_size_t(0), None)),
     ):
         host.doing(f"{name} with a NULL component")
-        if getattr(host.library, name)(None, *arguments) < DISCARD:
+        if getattr(host.library, name)(None, *arguments) < Status.Discard:
             yield f"{name} with a NULL component is OK"
 
 
@@ -192,11 +177,11 @@ def _walk(host: Host) -> Iterator[str]:
             elif name == "fmi2DoStep":
                 t = host.begin + steps * host.step
                 status = int(host.library.fmi2DoStep(slave.component, t, host.step, 1))
-                steps += status <= WARNING
+                steps += status <= Status.Warning
             else:
                 status = int(calls.make(slave, name))
                 steps = 0 if name == "fmi2Reset" else steps
-            if status == FATAL:
+            if status == Status.Fatal:
                 yield f"walk {seed}: {name} returned Fatal after {' '.join(past[-4:])}"
                 break
         else:
@@ -229,7 +214,7 @@ def _start_values(host: Host) -> Iterator[str]:
     if not moved:
         raise Skip("no Real parameter has room to move")
     slave = Slave(host)
-    changed = [v for v in moved if slave.set_to(v, 1.001 * v["start"]) <= WARNING]
+    changed = [v for v in moved if slave.set_to(v, 1.001 * v["start"]) <= Status.Warning]
     slave.need("fmi2Reset")
     slave.setup()
     slave.need("fmi2EnterInitializationMode")
@@ -241,11 +226,9 @@ def _start_values(host: Host) -> Iterator[str]:
 @PROBES.check("D12.after_error", "error", "fmi2Reset mends an instance that refused something")
 def _reset_after_error(host: Host) -> Iterator[str]:
     reference = host.reference_run()
-    slave = Slave(host)
-    slave.initialise()
-    slave.run(0, 3)
+    slave = stepped(host, 3)
     host.doing("fmi2DoStep with a negative step")
-    if slave.call("fmi2DoStep", host.begin + 3 * host.step, -1.0, 1) == FATAL:
+    if slave.call("fmi2DoStep", host.begin + 3 * host.step, -1.0, 1) == Status.Fatal:
         raise Skip("a negative step is answered by Fatal")
     for variable in host.inputs[:1]:
         slave.set_to(variable, math.inf)

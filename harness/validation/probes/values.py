@@ -9,32 +9,21 @@ from functools import partial
 from typing import Any
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import STATUS
+from harness.validation.interface import Status
 from harness.validation.probes.host import (
-    DISCARD,
-    ERROR,
-    FATAL,
-    OK,
     STEPS,
-    WARNING,
     Host,
     Slave,
     compare,
+    initialising,
     number,
+    stepped,
 )
-
-
-def _fresh(host: Host) -> Slave:
-    slave = Slave(host)
-    slave.initialise()
-    return slave
 
 
 @PROBES.check("C10.starts", "error", "start values of the XML are those of the binary")
 def _starts(host: Host) -> Iterator[str]:
-    slave = Slave(host)
-    slave.setup()
-    slave.need("fmi2EnterInitializationMode")
+    slave = initialising(host)
     for variable in host.variables("Real", "Integer", "Boolean"):
         if variable["start"] is None or variable["initial"] == "approx":
             continue
@@ -48,12 +37,12 @@ def _starts(host: Host) -> Iterator[str]:
 
 @PROBES.check("D6.nothing", "error", "get and set of no variables, with NULL arrays, are OK")
 def _nothing(host: Host) -> Iterator[str]:
-    slave = _fresh(host)
+    slave = stepped(host)
     for kind in ("Real", "Integer", "Boolean"):
         for verb in ("Get", "Set"):
             status = slave.call(f"fmi2{verb}{kind}", None, c_size_t(0), None)
-            if status > WARNING:
-                yield f"fmi2{verb}{kind} of no variables returned {STATUS[status]}"
+            if status > Status.Warning:
+                yield f"fmi2{verb}{kind} of no variables returned {status.name}"
 
 
 @PROBES.check("D6.unknown", "error", "unknown value references are refused")
@@ -62,13 +51,13 @@ def _unknown(host: Host) -> Iterator[str]:
     reference = next(r for r in (4294967295, 4294967294, 4294967293) if r not in known)
     for verb in ("Get", "Set"):
         for kind in ("Real", "Integer", "Boolean"):
-            slave = _fresh(host)
+            slave = stepped(host)
             references, values = (c_uint * 1)(reference), (c_double * 1)(0.0)
             status = slave.call(f"fmi2{verb}{kind}", references, c_size_t(1), values)
-            if status < DISCARD:
+            if status < Status.Discard:
                 yield (
                     f"fmi2{verb}{kind} with the unknown value reference {reference} "
-                    f"returned {STATUS[status]}"
+                    f"returned {status.name}"
                 )
 
 
@@ -76,9 +65,9 @@ def _unknown(host: Host) -> Iterator[str]:
 def _computed(host: Host) -> Iterator[str]:
     for causality in ("output", "calculatedParameter"):
         for variable in host.variables("Real", causality=causality)[:1]:
-            slave = _fresh(host)
+            slave = stepped(host)
             status = slave.set_to(variable, slave.get(variable))
-            if status < DISCARD:
+            if status < Status.Discard:
                 yield f"{causality} '{variable['name']}' can be set between steps"
 
 
@@ -87,13 +76,13 @@ def _atomic(host: Host) -> Iterator[str]:
     inputs = host.inputs
     if not inputs:
         raise Skip("there is no Real input")
-    slave = _fresh(host)
+    slave = stepped(host)
     slave.stimulate(3)
     before = slave.get(inputs[0])
     references = (c_uint * 2)(inputs[0]["reference"], inputs[-1]["reference"])
     values = (c_double * 2)(_other(inputs[0], before), math.nan)
     status = slave.call("fmi2SetReal", references, c_size_t(2), values)
-    if status < DISCARD:
+    if status < Status.Discard:
         raise Skip("no value is refused")
     after = slave.get(inputs[0])
     if after != before:
@@ -104,7 +93,7 @@ def _atomic(host: Host) -> Iterator[str]:
 
 
 def _other(variable: dict[str, Any], value: float) -> float:
-    """Another legal value."""
+    """Return another legal value."""
     near = min(max(value + 1e-6 * (abs(value) or 1.0), variable["low"]), variable["high"])
     return near if near != value else value - 1e-6 * (abs(value) or 1.0)
 
@@ -113,23 +102,23 @@ def _other(variable: dict[str, Any], value: float) -> float:
 
 
 def _bad_input(host: Host, bad: float) -> Iterator[str]:
-    """Each input in turn gets the bad value; the outputs have to stay sound."""
+    """Give each input in turn the bad value; the outputs have to stay sound."""
     inputs = host.inputs
     if not inputs:
         raise Skip("there is no Real input")
     reference = host.reference_run()
     refused = 0
     for variable in inputs:
-        slave = _fresh(host)
+        slave = stepped(host)
         seen = slave.run(0, STEPS // 2)
         host.doing(f"fmi2SetReal of '{variable['name']}' = {bad}")
         status = slave.set_to(variable, bad)
-        if status == FATAL:
+        if status == Status.Fatal:
             yield f"'{variable['name']}' = {bad} is answered by Fatal"
             continue
-        if status >= DISCARD:
+        if status >= Status.Discard:
             refused += 1
-            if status == DISCARD:
+            if status == Status.Discard:
                 seen += slave.run(STEPS // 2, STEPS - STEPS // 2)
                 yield from compare(
                     seen, reference, f"after '{variable['name']}' = {bad} was refused"
@@ -143,7 +132,7 @@ def _bad_input(host: Host, bad: float) -> Iterator[str]:
 def _swallowed(host: Host, slave: Slave, variable: dict[str, Any], bad: float) -> Iterator[str]:
     what = f"'{variable['name']}' = {bad}"
     host.doing(f"fmi2DoStep after {what} was accepted")
-    if slave.call("fmi2DoStep", host.begin + STEPS // 2 * host.step, host.step, 1) > WARNING:
+    if slave.call("fmi2DoStep", host.begin + STEPS // 2 * host.step, host.step, 1) > Status.Warning:
         yield f"{what} is accepted, and fails only in the step after"
         return
     unsound = [
@@ -182,19 +171,19 @@ def _range(host: Host) -> Iterator[str]:
                 continue
             value = bad if variable["type"] == "Real" else int(bad)
             status = slave.set_to(variable, value)
-            if status < DISCARD:
+            if status < Status.Discard:
                 yield (
                     f"'{variable['name']}' = {value!r} is accepted, its limits are "
                     f"[{variable['low']:g}, {variable['high']:g}]"
                 )
-            if status >= ERROR:
+            if status >= Status.Error:
                 slave.free()
                 slave = Slave(host)
 
 
 @PROBES.check("D7.outputs", "error", "outputs are finite and within their declared limits")
 def _outputs(host: Host) -> Iterator[str]:
-    slave = _fresh(host)
+    slave = stepped(host)
     outputs = host.variables("Real", causality="output")
     found: set[str] = set()
     for k in range(5 * STEPS):
@@ -221,10 +210,10 @@ def _fixed(host: Host) -> Iterator[str]:
     for variable in host.variables(
         "Real", "Integer", "Boolean", causality="parameter", variability="fixed"
     ):
-        slave = _fresh(host)
+        slave = stepped(host)
         status = slave.set_to(variable, slave.get(variable))
         slave.free()
-        if status < DISCARD:
+        if status < Status.Discard:
             yield f"fixed parameter '{variable['name']}' can be set between steps"
 
 
@@ -235,11 +224,11 @@ def _tunable(host: Host) -> Iterator[str]:
     )
     if not tunable:
         raise Skip("there is no tunable parameter")
-    slave = _fresh(host)
+    slave = stepped(host)
     for variable in tunable:
         status = slave.set_to(variable, slave.get(variable))
-        if status != OK:
-            yield f"tunable parameter '{variable['name']}' is refused with {STATUS[status]}"
+        if status != Status.OK:
+            yield f"tunable parameter '{variable['name']}' is refused with {status.name}"
 
 
 @PROBES.check("D6.settable", "error", "parameters and inputs can be set before initialisation")
@@ -249,8 +238,8 @@ def _settable(host: Host) -> Iterator[str]:
         if variable["causality"] not in {"parameter", "input"} or variable["start"] is None:
             continue
         status = slave.set_to(variable, variable["start"])
-        if status > WARNING:
-            yield f"'{variable['name']}' refuses its own start value with {STATUS[status]}"
+        if status > Status.Warning:
+            yield f"'{variable['name']}' refuses its own start value with {status.name}"
     try:
         slave.initialise()
     except Failure as failure:

@@ -11,7 +11,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, real
 from fmu_src.pack.codegen.c_source import sources
 from fmu_src.pack.compiler import host
@@ -21,7 +22,7 @@ from harness.analyze import analysis as analysis_module
 from harness.analyze import operating_point as operating
 from harness.analyze.analysis import analyze
 from harness.analyze.delay_budget import BAND, band, delay_budget, left_of, margins
-from harness.analyze.linear import Loop, attenuation, changed, frd
+from harness.analyze.linear import OpenedLoop, attenuation, frd, modified
 from harness.analyze.multisine import FREQUENCIES, OMEGA, lines_of, multisine, random_phases
 from harness.analyze.operating_point import duration
 from harness.common.errors import ProblemsError
@@ -139,10 +140,10 @@ def bears(gain: float, delay: float, wanted: float) -> float:
     return math.acos((1 + gain**2 - wanted**2) / (2 * gain)) / (2 * np.pi * BAND[1]) - delay
 
 
-def scalar(gain: float, delay: float) -> Loop:
+def scalar(gain: float, delay: float) -> OpenedLoop:
     one = np.broadcast_to(np.eye(3), (len(OMEGA), 3, 3)).astype(complex)
     command = -gain * np.exp(-1j * OMEGA * delay)[:, None, None] * one
-    return Loop(frd(one), frd(one), frd(command), frd(0 * one), frd(one))
+    return OpenedLoop(frd(one), frd(one), frd(command), frd(0 * one), frd(one))
 
 
 def test_a_multisine_is_read_back_and_a_slow_transient_is_not_seen():
@@ -168,7 +169,7 @@ def test_the_delay_that_is_borne_is_that_of_the_closed_formula(gain, delay, want
     expected = bears(gain, delay, wanted)
     if expected > 0:
         assert found.spare_everywhere == pytest.approx(expected, abs=1e-6)
-        at_it = attenuation(changed(loop, found.spare_everywhere))
+        at_it = attenuation(modified(loop, found.spare_everywhere))
         assert band(left_of(at_it)).max() == pytest.approx(wanted, abs=1e-5)
     assert found.best == pytest.approx(-delay, abs=2e-5)
     if found.spare is not None and found.spare_everywhere is not None:
@@ -191,8 +192,10 @@ def test_margins_of_a_feedback_loop_are_those_of_the_closed_formula():
         * one
         / (1 + 1j * OMEGA / 60)[:, None, None]
     )
-    whole = np.broadcast_to(one, returned.shape).astype(complex)
-    found = margins(Loop(frd(whole), frd(whole), frd(whole), frd(returned), frd(whole)))
+    measured = np.broadcast_to(one, returned.shape).astype(complex)
+    found = margins(
+        OpenedLoop(frd(measured), frd(measured), frd(measured), frd(returned), frd(measured))
+    )
     crossover = 60 * math.sqrt(gain**2 - 1)
     phase = math.pi - crossover * delay - math.atan(crossover / 60)
     assert found.phase == pytest.approx(phase % (2 * math.pi), abs=0.02)
@@ -206,7 +209,7 @@ def test_a_gain_and_a_delay_from_the_fmus(write, quick, delay):
     found = analyze(write(gain=0.9, delay=delay), wanted=0.7)
     late = delay * STEP
     expected = 1 - 0.9 * np.exp(-1j * OMEGA * late)
-    for response in (found.whole, found.product):
+    for response in (found.measured, found.from_parts):
         assert np.abs(response - expected[:, None, None] * np.eye(3)).max() < 1e-6
     assert [stage.wire for stage in found.stages] == [False, False, True, False]
     (wire,) = (stage for stage in found.stages if stage.wire)
@@ -229,7 +232,7 @@ def test_feedback_is_seen_in_the_wiring_and_closed(write, quick):
     found = analyze(write(gain=0.9, delay=2, share=0.5))
     late = np.exp(-1j * OMEGA * 2 * STEP)
     expected = 1 - 0.9 * late / (1 + 0.45 * late)
-    for response in (found.whole, found.product):
+    for response in (found.measured, found.from_parts):
         assert np.abs(response - expected[:, None, None] * np.eye(3)).max() < 1e-4
     assert found.loop.feedback
     assert found.margins.modulus == pytest.approx(np.abs(1 + 0.45 * late).min(), abs=1e-4)
@@ -239,7 +242,7 @@ def test_feedback_is_seen_in_the_wiring_and_closed(write, quick):
 def test_an_fmu_that_cannot_save_its_state_gives_the_same(write, quick, pack_probe: PackProbe):
     path = pack_probe(('canGetAndSetFMUstate="true" canSerializeFMUstate="true"', ""))
     plain, replayed = analyze(write()), analyze(write(gain_fmu=path))
-    assert np.abs(plain.product - replayed.product).max() < 1e-12
+    assert np.abs(plain.from_parts - replayed.from_parts).max() < 1e-12
     assert any("gain_x, gain_y, gain_z cannot save" in note for note in replayed.notes)
 
 
@@ -289,7 +292,7 @@ def test_missing_roles_are_named_all_at_once(write):
 def test_a_loop_without_a_word_on_its_command_is_opened_at_the_delayed_wire(write, quick):
     roles = "\n".join(line for line in ROLES.splitlines() if "drive" not in line)
     found = analyze(write(roles=roles))
-    assert np.abs(found.product - found.whole).max() < 1e-6
+    assert np.abs(found.from_parts - found.measured).max() < 1e-6
     with pytest.raises(ProblemsError, match=r"signals\.drive is missing, and no wire has a delay"):
         analyze(write(roles=roles, sense="", delay=0))
 
@@ -328,9 +331,9 @@ def test_the_shipped_loop():
     """
     found = analyze("closed_loop")
     assert not found.loop.feedback
-    assert np.sqrt(np.mean(band(left_of(found.whole)) ** 2)) < 0.6
-    assert np.linalg.norm(found.whole, ord=2, axis=(1, 2))[FREQUENCIES <= 2.0].max() < 1.15
-    difference = band(left_of(found.whole - found.product))
+    assert np.sqrt(np.mean(band(left_of(found.measured)) ** 2)) < 0.6
+    assert np.linalg.norm(found.measured, ord=2, axis=(1, 2))[FREQUENCIES <= 2.0].max() < 1.15
+    difference = band(left_of(found.measured - found.from_parts))
     assert np.sqrt(np.mean(difference**2)) < 0.08
     ten = int(np.argmin(np.abs(FREQUENCIES - 10.0)))
     stages = {stage.label: stage for stage in found.stages}

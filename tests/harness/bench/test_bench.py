@@ -14,19 +14,8 @@ from typer.testing import CliRunner
 
 import steadytip
 from fmu_src.errors import SteadytipError
-from harness.bench import (
-    other_hosts as contenders,
-)
-from harness.bench import (
-    page,
-    samples,
-    session,
-    stepper,
-)
-from harness.bench import (
-    timing as stopwatch,
-)
-from harness.bench.results import Book
+from harness.bench import other_hosts, page, samples, session, stepper, timing
+from harness.bench.results import BenchResults
 from harness.cli import bench as cli
 from harness.cli.main import app
 
@@ -137,17 +126,17 @@ def test_a_group_that_is_not_there_is_named():
 def test_every_group_is_a_file_that_says_what_it_is():
     assert sorted(cli.GROUPS) == sorted(file.stem for file in session.SUITE.glob("*.py"))
     for group in cli.GROUPS:
-        assert page._told(group) != group
+        assert page._docstring(group) != group
 
 
 @given(POSITIVE, POSITIVE)
 def test_ratios_are_of_samples_of_the_same_turn(over, under):
-    book = Book()
-    book.ratio("g", "r", "ratio", ("a", "x"), ("b", "x"))
+    results = BenchResults()
+    results.ratio("g", "r", "ratio", ("a", "x"), ("b", "x"))
     for values, row in ((over, "a"), (under, "b")):
         for value in values:
-            book.add("g", row, "x", [value], "us")
-    found = {line.row: line.value for line in book.lines()}
+            results.add("g", row, "x", [value], "us")
+    found = {line.row: line.value for line in results.lines()}
     assert found["a"] == pytest.approx(np.median(over))
     assert found["r"] == pytest.approx(
         np.median([a / b for a, b in zip(over, under, strict=False)])
@@ -155,19 +144,19 @@ def test_ratios_are_of_samples_of_the_same_turn(over, under):
 
 
 def test_a_ratio_without_one_of_its_sides_is_none():
-    book = Book()
-    book.add("g", "a", "x", [1.0], "us")
-    book.ratio("g", "r", "ratio", ("a", "x"), ("b", "x"))
-    assert [line.row for line in book.lines()] == ["a"]
+    results = BenchResults()
+    results.add("g", "a", "x", [1.0], "us")
+    results.ratio("g", "r", "ratio", ("a", "x"), ("b", "x"))
+    assert [line.row for line in results.lines()] == ["a"]
 
 
 @settings(deadline=None)
 @given(st.floats(0.0, 10.0))
 def test_the_stopwatch_counts_what_it_is_told(seconds):
     begun = time.perf_counter()
-    before = stopwatch.now()
-    stopwatch.counting(lambda: seconds)()
-    counted = stopwatch.now() - before
+    before = timing.now()
+    timing.counting(lambda: seconds)()
+    counted = timing.now() - before
     spent = time.perf_counter() - begun
     assert seconds - 1e-6 <= counted <= seconds + spent + 1e-6
 
@@ -175,7 +164,7 @@ def test_the_stopwatch_counts_what_it_is_told(seconds):
 def test_the_plain_loop_is_the_harness_to_the_bit(tmp_path):
     """What is compared with the harness does the same."""
     ticks = 300
-    loop = contenders.PlainLoop("closed_loop", tmp_path)
+    loop = other_hosts.PlainLoop("closed_loop", tmp_path)
     loop.run(100)
     loop.run(ticks - 100)
     overrides = {"seconds": ticks * loop.step, "settle": 0.0}
@@ -205,12 +194,12 @@ def test_the_host_in_c_does_what_the_harness_does(name, few, tmp_path):
     """Its last outputs are those of the same samples from Python."""
     case = few[name]
     spent = np.zeros(len(case.table))
-    with stepper.Stepped(case, tmp_path) as native:
+    with stepper.SteppedFmu(case, tmp_path) as native:
         native.samples(0, 10)
         native.samples(10, len(case.table), spent[10:])
         reals = [port.type == "Real" for port in case.description.outputs]
         found = native.outputs()[reals]
-    with stepper.Stepped(case, tmp_path) as python:
+    with stepper.SteppedFmu(case, tmp_path) as python:
         for k, row in enumerate(case.table):
             python.u[:] = row
             python.advance(k * case.period, case.period)
@@ -223,7 +212,7 @@ def test_a_sample_that_is_refused_is_told(few, tmp_path):
     case = few["MicronEstimator"]
     broken = replace(case, table=case.table.copy())
     broken.table[1] = np.nan
-    with stepper.Stepped(broken, tmp_path) as fmu:
+    with stepper.SteppedFmu(broken, tmp_path) as fmu:
         fmu.samples(0, 1)
         with pytest.raises(SteadytipError, match=r"MicronEstimator: .* ended with FMI's status"):
             fmu.samples(1, 2)

@@ -4,8 +4,8 @@ import ctypes
 
 import pytest
 
+from fmu_src.errors import SteadytipError
 from harness.common.c_struct import MirroredStruct, check_layout
-from harness.common.errors import SteadytipError
 from harness.loop import native
 
 

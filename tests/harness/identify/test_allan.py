@@ -11,7 +11,7 @@ from fmu_src.device import design
 from fmu_src.errors import SteadytipError
 from fmu_src.estimation.micron.model import MODEL
 from fmu_src.kit.runner import Runner
-from fmu_src.pack.build import load_model
+from fmu_src.pack.discovery import load_model
 from harness.identify.allan import fit as allan
 from harness.identify.parameter_files import write_parameters
 from harness.parts.ssv import read_ssv

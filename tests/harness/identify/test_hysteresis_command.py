@@ -9,7 +9,7 @@ import pytest
 
 from fmu_src.errors import SteadytipError
 from fmu_src.kit.runner import Runner
-from fmu_src.pack.build import load_model
+from fmu_src.pack.discovery import load_model
 from fmu_src.piezo.prandtl_ishlinskii import MODEL, Hysteresis
 from harness.cli.main import main
 from harness.identify.hysteresis.evaluation import HysteresisEvaluation, evaluate

@@ -37,7 +37,7 @@ def fit(recording) -> StopsFit:
 
 @pytest.fixture(scope="module")
 def tracker(fit) -> Tracker:
-    return tracking.of_stops(fit)
+    return tracking.stops_tracker(fit)
 
 
 def _rms(error):

@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 import steadytip
 from fmu_src.pack import compiler
-from harness.bench import other_hosts as contenders
+from harness.bench import other_hosts
 from harness.common.errors import PartError
 from harness.loop import native as native_loop
 from harness.loop.loop import Loop
@@ -166,7 +166,7 @@ def test_without_a_compiler_the_loop_goes_tick_by_tick(
 @pytest.mark.slow
 def test_a_tick_is_faster_than_that_of_a_plain_loop(tmp_path):
     """Each recorded, in turns: 9 to 12 times on two cores that are shared; libcosim's, 2 to 3."""
-    loop = contenders.PlainLoop("closed_loop", tmp_path / "plain")
+    loop = other_hosts.PlainLoop("closed_loop", tmp_path / "plain")
     ticks, plain, own = 1000, [], []
     overrides = {"seconds": ticks * loop.step, "settle": 0.0}
     for _ in range(3):

@@ -7,28 +7,27 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from fmu_src.errors import SteadytipError
-from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.experiments import augmentation, augmented
 from harness.reproduce.experiments.augmentation import (
     CATEGORIES,
-    Motion,
     Populations,
+    TrackedMotion,
     category,
     errors,
-    followed,
-    hidden,
+    errors_by_step,
+    occluded_errors,
     simulated,
     speeds,
     stretch,
     windows,
 )
-from harness.reproduce.item import Context
 from harness.reproduce.papers.e13 import figure_4_10 as e13_figure_4_10
+from tests.harness.reproduce.conftest import measured, run_item
 
 RATIO = 4
 
 
-def straight(n: int = 60) -> Motion:
+def straight(n: int = 60) -> TrackedMotion:
     """A body that moves and turns evenly, seen without noise at each fourth sample."""
     t = 5e-3 * np.arange(n)
     position = np.outer(t, [0.1, -0.2, 0.3])
@@ -36,11 +35,11 @@ def straight(n: int = 60) -> Motion:
     new = np.arange(n) % RATIO == 0
     inputs = {"optical_position": position, "optical_attitude": attitude}
     counted = np.arange(n) >= 2 * RATIO
-    return Motion("straight", "exact", 5e-3, RATIO, position, attitude, counted, new, inputs)
+    return TrackedMotion("straight", "exact", 5e-3, RATIO, position, attitude, counted, new, inputs)
 
 
 def test_constant_velocity_is_exact_on_a_motion_that_has_it():
-    found = followed(augmentation.ALONE, straight())
+    found = errors_by_step(augmentation.TRACKER_ALONE, straight())
     assert sorted(set(found.steps)) == [0, 1, 2, 3]
     assert found.rms("position", None).max() < 1e-12
     assert found.rms("attitude", None).max() < 1e-7
@@ -50,9 +49,9 @@ def test_what_comes_after_a_longer_gap_is_in_no_population():
     motion = straight()
     gap = motion.new.copy()
     gap[20] = False
-    found = followed(augmentation.ALONE, replace(motion, new=gap))
+    found = errors_by_step(augmentation.TRACKER_ALONE, replace(motion, new=gap))
     assert found.steps.max() == RATIO - 1
-    assert len(found.steps) == len(followed(augmentation.ALONE, motion).steps) - RATIO
+    assert len(found.steps) == len(errors_by_step(augmentation.TRACKER_ALONE, motion).steps) - RATIO
 
 
 def test_populations_are_by_step_and_axis():
@@ -139,35 +138,17 @@ def test_windows_of_occlusion_follow_each_other_each_in_a_run_of_its_own():
     assert len(blind.position) == first[1]
     assert not blind.new[slice(*first)].any()
     assert not blind.inputs["optical_new"][slice(*first)].any()
-    found = hidden(augmentation.E13, [motion])
+    found = occluded_errors(augmentation.E13, [motion])
     assert len(found.steps) == 900
     rms = found.rms("position", None)
     assert rms[99] > 3 * rms[0]
-
-
-def _outcome(name, data=None):
-    (item,) = chosen([name], items())
-    shares = []
-    outcome = item.run(Context(lambda share, what: shares.append(share), data))
-    assert shares == sorted(shares)
-    assert outcome.plots
-    return outcome
-
-
-def _measured(outcome, *words):
-    (found,) = [
-        figure.measured
-        for figure in outcome.figures
-        if all(word in f"{figure.quantity}; {figure.setting}" for word in words)
-    ]
-    return found
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("broad")
 @pytest.mark.parametrize("name", ["e13-figure-4.3", "e13-figure-4.9"])
 def test_without_recordings_the_simulated_part_is_run_and_the_rest_is_told(name):
-    outcome = _outcome(name)
+    outcome = run_item(name)
     assert any("left out" in note for note in outcome.notes)
     assert not any("trial" in figure.setting for figure in outcome.figures)
 
@@ -176,11 +157,11 @@ def test_without_recordings_the_simulated_part_is_run_and_the_rest_is_told(name)
 @pytest.mark.xdist_group("broad")
 def test_simulated_trajectories_stay_far_below_the_limits_of_e13():
     """1 mm and 2 deg are its limits (figures 4.1, 4.2)."""
-    outcome = _outcome("e13-figure-4.1")
+    outcome = run_item("e13-figure-4.1")
     for name in augmentation.FILTERS:
-        assert _measured(outcome, "position, rms, 3-D", name) < 0.05
-        assert _measured(outcome, "attitude, rms, 3-D", name) < 0.01
-    assert _measured(outcome, "position, rms, 3-D", "tracker alone") > 1.0
+        assert measured(outcome, "position, rms, 3-D", name) < 0.05
+        assert measured(outcome, "attitude, rms, 3-D", name) < 0.01
+    assert measured(outcome, "position, rms, 3-D", "tracker alone") > 1.0
 
 
 @pytest.mark.slow
@@ -191,16 +172,16 @@ def test_the_simulated_hand_is_followed_better_than_in_tables_4_1_and_4_2(monkey
     Three acquisitions of twelve.
     """
     monkeypatch.setattr(augmented, "ACQUISITIONS", 3)
-    outcome = _outcome("e13-table-4.1")
+    outcome = run_item("e13-table-4.1")
     for case in ("category 1, ratio 10", "category 2, ratio 10", "category 2, ratio 5"):
         for name in ("OpticalInertialUkf", "OpticalInertialEkf"):
-            assert _measured(outcome, "rms, axis y", name, case) < 0.07
-        assert _measured(outcome, "rms, axis y", augmentation.E13, case) < 0.14
-    outcome = _outcome("e13-table-4.2")
+            assert measured(outcome, "rms, axis y", name, case) < 0.07
+        assert measured(outcome, "rms, axis y", augmentation.E13, case) < 0.14
+    outcome = run_item("e13-table-4.2")
     for case in ("ratio 10, motions of category 1", "ratio 5, motions of category 2"):
         for name in ("OpticalInertialUkf", "OpticalInertialEkf"):
-            assert _measured(outcome, "rms, axis y", name, case) < 0.02
-        assert _measured(outcome, "rms, axis y", augmentation.E13, case) < 0.12
+            assert measured(outcome, "rms, axis y", name, case) < 0.02
+        assert measured(outcome, "rms, axis y", augmentation.E13, case) < 0.12
 
 
 @pytest.mark.slow
@@ -208,6 +189,6 @@ def test_the_simulated_hand_is_followed_better_than_in_tables_4_1_and_4_2(monkey
 def test_occlusions_of_the_simulated_hand_cost_less_than_in_figure_4_10(monkeypatch):
     """2.7 mm after 0.5 s in E13; one acquisition of six."""
     monkeypatch.setattr(e13_figure_4_10, "ACQUISITIONS", 1)
-    outcome = _outcome("e13-figure-4.10")
+    outcome = run_item("e13-figure-4.10")
     for name in ("OpticalInertialUkf", "OpticalInertialEkf"):
-        assert _measured(outcome, "position, rms at the end, axis y", name) < 2.7
+        assert measured(outcome, "position, rms at the end, axis y", name) < 2.7

@@ -10,7 +10,7 @@ from harness.identify.tremor_nn.read import StillTrial
 from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.experiments import cascade
 from harness.reproduce.experiments.cascade import Hand, protocol
-from harness.reproduce.item import Context
+from tests.harness.reproduce.conftest import measured, run_item
 
 WANTED = 39.5
 """Mean reduction of the thesis [%]."""
@@ -93,29 +93,9 @@ def outcomes(data_dir):
     """Tables with one architecture; the search for the best is for `steadytip reproduce`."""
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(cascade, "GRID", (cascade.ONE_FOR_ALL.inputs,))
-        return _outcomes(data_dir)
-
-
-def _outcomes(data_dir):
-    found = {}
-    for item in chosen(["neural-filter"], items()):
-        shares = []
-        context = Context(lambda share, what, shares=shares: shares.append(share), data_dir)
-        found[item.name] = item.run(context)
-        assert shares == sorted(shares)
-        assert found[item.name].notes
-        labels = [(figure.quantity, figure.setting) for figure in found[item.name].figures]
-        assert len(set(labels)) == len(labels)
-    return found
-
-
-def _measured(outcome, *words):
-    (found,) = [
-        figure
-        for figure in outcome.figures
-        if all(word in f"{figure.quantity}; {figure.setting}" for word in words)
-    ]
-    return found.measured
+        return {
+            item.name: run_item(item.name, data_dir) for item in chosen(["neural-filter"], items())
+        }
 
 
 @pytest.mark.slow
@@ -123,10 +103,10 @@ def _measured(outcome, *words):
 def test_the_error_of_other_trials_is_reduced_as_far_as_told(outcomes):
     """Wanted: 39.5 %, and not reached: a linear filter that knows the tests has no more than 40."""
     outcome = outcomes["table-5.1"]
-    best = _measured(outcome, "of the rmse; mean", "best architecture of each")
-    fixed = _measured(outcome, "for all")
-    ceiling = _measured(outcome, "fitted to the tests")
-    printed = _measured(outcome, "trained as printed")
+    best = measured(outcome, "of the rmse; mean", "best architecture of each")
+    fixed = measured(outcome, "for all")
+    ceiling = measured(outcome, "fitted to the tests")
+    printed = measured(outcome, "trained as printed")
     assert printed + 5 < fixed <= best < ceiling
     assert fixed == pytest.approx(38.0, abs=0.7)
     assert best == pytest.approx(38.3, abs=0.7)
@@ -138,8 +118,8 @@ def test_the_error_of_other_trials_is_reduced_as_far_as_told(outcomes):
 def test_targets_make_no_difference_with_one_architecture(outcomes):
     """With connections from every input to the output, motion and error are one target."""
     outcome = outcomes["table-5.2"]
-    motion = _measured(outcome, "NN_vm; mean", "50 inputs")
-    error = _measured(outcome, "NN_err; mean")
+    motion = measured(outcome, "NN_vm; mean", "50 inputs")
+    error = measured(outcome, "NN_err; mean")
     assert error == pytest.approx(motion, abs=2)
     assert error > 29.9  # what the thesis has for it
 
@@ -148,9 +128,9 @@ def test_targets_make_no_difference_with_one_architecture(outcomes):
 @pytest.mark.xdist_group("cascade")
 def test_networks_of_other_hands_do_worse_in_the_mean(outcomes):
     outcome = outcomes["table-5.3"]
-    own = _measured(outcome, "network of the same hand")
-    others = _measured(outcome, "network of another hand")
+    own = measured(outcome, "network of the same hand")
+    others = measured(outcome, "network of another hand")
     assert others < own
     assert others > 34.5
-    assert 0 <= _measured(outcome, "worse than no filter") <= 30
+    assert 0 <= measured(outcome, "worse than no filter") <= 30
     assert len([f for f in outcome.figures if "trained on" in f.quantity]) == 25

@@ -5,50 +5,29 @@ import json
 import numpy as np
 import pytest
 
-from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.experiments.stack import FINE_RATE, off_line, operator, respond, sine
-from harness.reproduce.item import Context
-
-
-def _run(name, data=None):
-    (item,) = chosen([name], items())
-    assert bool(item.recordings) == (data is not None)
-    shares = []
-    outcome = item.run(Context(lambda share, what: shares.append(share), data))
-    assert shares == sorted(shares)
-    assert outcome.notes
-    return outcome
-
-
-def _measured(outcome, *words):
-    """The one number whose quantity and setting hold the words."""
-    (found,) = [
-        figure
-        for figure in outcome.figures
-        if all(word in f"{figure.quantity}; {figure.setting}" for word in words)
-    ]
-    return found.measured
+from tests.harness.reproduce.conftest import measured, run_item
 
 
 def test_reach_and_speed_are_those_of_table_6_1_but_along_y():
-    outcome = _run("table-6.1")
-    assert _measured(outcome, "displacement along x") == pytest.approx(1108, abs=1)
-    assert _measured(outcome, "displacement along y") == pytest.approx(960, abs=1)  # not 1000
-    assert _measured(outcome, "displacement along z") == pytest.approx(120, abs=0.1)
-    assert _measured(outcome, "velocity along x") == pytest.approx(22.2, abs=0.1)
-    assert _measured(outcome, "velocity along y") == pytest.approx(19.2, abs=0.1)  # not 20
-    assert _measured(outcome, "velocity along z") == pytest.approx(2.4, abs=0.01)
-    assert 100 < _measured(outcome, "largest sphere") < 120
+    outcome = run_item("table-6.1")
+    assert measured(outcome, "displacement along x") == pytest.approx(1108, abs=1)
+    assert measured(outcome, "displacement along y") == pytest.approx(960, abs=1)  # not 1000
+    assert measured(outcome, "displacement along z") == pytest.approx(120, abs=0.1)
+    assert measured(outcome, "velocity along x") == pytest.approx(22.2, abs=0.1)
+    assert measured(outcome, "velocity along y") == pytest.approx(19.2, abs=0.1)  # not 20
+    assert measured(outcome, "velocity along z") == pytest.approx(2.4, abs=0.01)
+    assert 100 < measured(outcome, "largest sphere") < 120
 
 
 def test_the_tremor_sphere_of_figure_6_7_lies_in_the_workspace():
-    outcome = _run("figure-6.7")
-    assert _measured(outcome, "largest sphere") > 50
+    outcome = run_item("figure-6.7")
+    assert measured(outcome, "largest sphere") > 50
     boundary = outcome.plots[0].figure.data[0]
     points = np.column_stack((boundary.x, boundary.y, boundary.z))
     nearest = np.linalg.norm(points, axis=1).min()
     # Points of the boundary cannot be nearer than the sphere that fits, nor much farther.
-    assert 0.99 * _measured(outcome, "largest sphere") / 2 < nearest < 70
+    assert 0.99 * measured(outcome, "largest sphere") / 2 < nearest < 70
 
 
 def test_the_boundary_of_the_workspace_is_closed():
@@ -69,45 +48,45 @@ def test_the_boundary_of_the_workspace_is_closed():
 
 
 def test_loops_widen_with_the_rate_as_in_figure_7_1():
-    outcome = _run("figure-7.1")
-    assert _measured(outcome, "static positioning") == pytest.approx(15, abs=1)
-    assert _measured(outcome, "width", "19 Hz") > 1.1 * _measured(outcome, "width", "; 1 Hz")
-    assert _measured(outcome, "rms", "19 Hz") > 1.1 * _measured(outcome, "rms", "; 1 Hz")
+    outcome = run_item("figure-7.1")
+    assert measured(outcome, "static positioning") == pytest.approx(15, abs=1)
+    assert measured(outcome, "width", "19 Hz") > 1.1 * measured(outcome, "width", "; 1 Hz")
+    assert measured(outcome, "rms", "19 Hz") > 1.1 * measured(outcome, "rms", "; 1 Hz")
 
 
 @pytest.mark.parametrize("name", ["figure-7.5", "figure-7.6", "figure-7.7"])
 def test_operators_are_those_of_the_equations(name):
-    outcome = _run(name)
+    outcome = run_item(name)
     assert len(outcome.figures) >= 2
     for figure in outcome.figures:
         assert figure.measured == pytest.approx(figure.paper, rel=1e-6)
 
 
 def test_the_identified_operator_lies_over_the_measured_response_of_figure_7_8():
-    outcome = _run("figure-7.8")
+    outcome = run_item("figure-7.8")
     for source, bound in (("saw-tooth", 0.13), ("same sine", 0.11)):
-        assert 0.07 < _measured(outcome, "rms of measured", source) < bound
-    assert _measured(outcome, "travel of") == pytest.approx(12.5, abs=0.05)
+        assert 0.07 < measured(outcome, "rms of measured", source) < bound
+    assert measured(outcome, "travel of") == pytest.approx(12.5, abs=0.05)
 
 
 def test_the_inverse_is_the_mirror_image_of_figure_7_10():
-    outcome = _run("figure-7.10")
-    assert _measured(outcome, "mirror image") < 1e-3  # uV
-    assert _measured(outcome, "after its inverse") < 1e-6  # nm
+    outcome = run_item("figure-7.10")
+    assert measured(outcome, "mirror image") < 1e-3  # uV
+    assert measured(outcome, "after its inverse") < 1e-6  # nm
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("tracking")
 def test_tracking_of_sines_is_better_than_in_table_7_1():
     """Each controller beside the thesis's; the best within what is wanted: 0.13 and 0.45 um."""
-    outcome = _run("table-7.1")
+    outcome = run_item("table-7.1")
     mean = "mean over sines"
-    assert _measured(outcome, "rms error, without", mean) == pytest.approx(1.22, rel=0.05)
-    assert _measured(outcome, "rms error, rate-independent", mean) < 0.15
-    assert _measured(outcome, "rms error, rate-dependent", mean) < 0.12
-    assert _measured(outcome, "rms error, modulated", mean) < 0.085
-    assert _measured(outcome, "rms error with its mean") < 0.085
-    assert _measured(outcome, "largest error of all") < 0.45
+    assert measured(outcome, "rms error, without", mean) == pytest.approx(1.22, rel=0.05)
+    assert measured(outcome, "rms error, rate-independent", mean) < 0.15
+    assert measured(outcome, "rms error, rate-dependent", mean) < 0.12
+    assert measured(outcome, "rms error, modulated", mean) < 0.085
+    assert measured(outcome, "rms error with its mean") < 0.085
+    assert measured(outcome, "largest error of all") < 0.45
     without = [f for f in outcome.figures if "without" in f.quantity and "Hz sine" in f.setting]
     for figure in without:
         assert figure.measured == pytest.approx(figure.paper, rel=0.1)
@@ -118,51 +97,51 @@ def test_tracking_of_sines_is_better_than_in_table_7_1():
 @pytest.mark.xdist_group("tracking")
 def test_tracking_of_several_tones_is_better_than_in_table_7_2():
     """Wanted: 0.11 um, 0.45 um at the largest."""
-    outcome = _run("table-7.2")
-    assert _measured(outcome, "rms error, rate-independent") < 0.18
-    assert _measured(outcome, "rms error, rate-dependent") < 0.1
-    assert _measured(outcome, "rms error with its mean") < 0.09
-    assert _measured(outcome, "largest error of all") < 0.45
+    outcome = run_item("table-7.2")
+    assert measured(outcome, "rms error, rate-independent") < 0.18
+    assert measured(outcome, "rms error, rate-dependent") < 0.1
+    assert measured(outcome, "rms error with its mean") < 0.09
+    assert measured(outcome, "largest error of all") < 0.45
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("tracking")
 def test_tracking_of_recorded_tremor_is_better_than_in_table_7_3(data_dir):
     """Wanted: 0.12 um, 0.45 um at the largest."""
-    outcome = _run("table-7.3", data_dir)
-    assert _measured(outcome, "rms error, rate-independent") < 0.18
-    assert _measured(outcome, "rms error, rate-dependent") < 0.1
-    assert _measured(outcome, "rms error with its mean") < 0.09
-    assert _measured(outcome, "largest error of all") < 0.45
+    outcome = run_item("table-7.3", data_dir)
+    assert measured(outcome, "rms error, rate-independent") < 0.18
+    assert measured(outcome, "rms error, rate-dependent") < 0.1
+    assert measured(outcome, "rms error with its mean") < 0.09
+    assert measured(outcome, "largest error of all") < 0.45
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("tracking")
 def test_slopes_of_slow_and_wide_plays_go_along_lines_as_in_figure_7_11():
-    outcome = _run("figure-7.11")
-    assert _measured(outcome, "largest rms distance") < 0.07
+    outcome = run_item("figure-7.11")
+    assert measured(outcome, "largest rms distance") < 0.07
     for play in range(2, 9):
-        assert _measured(outcome, f"W_{play}") == pytest.approx(1, abs=0.2)
-    assert _measured(outcome, "W_1") < 0.7
+        assert measured(outcome, f"W_{play}") == pytest.approx(1, abs=0.2)
+    assert measured(outcome, "W_1") < 0.7
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("tracking")
 def test_the_error_budget_names_what_costs_most():
-    outcome = _run("error-budget")
-    whole = _measured(outcome, "all of it")
-    assert _measured(outcome, "no sensor noise while") < 0.5 * whole
-    assert _measured(outcome, "creep left out") > 1.3 * whole
-    assert _measured(outcome, "4 stops") > 1.2 * whole
-    drifted = _measured(outcome, "gain 1 % off", "after 10 s")
+    outcome = run_item("error-budget")
+    whole = measured(outcome, "all of it")
+    assert measured(outcome, "no sensor noise while") < 0.5 * whole
+    assert measured(outcome, "creep left out") > 1.3 * whole
+    assert measured(outcome, "4 stops") > 1.2 * whole
+    drifted = measured(outcome, "gain 1 % off", "after 10 s")
     assert drifted > 1.5 * whole
-    assert _measured(outcome, "gain adapted") < 1.15 * whole
-    assert _measured(outcome, "loops 5 % wider") > 1.5 * whole
+    assert measured(outcome, "gain adapted") < 1.15 * whole
+    assert measured(outcome, "loops 5 % wider") > 1.5 * whole
 
 
 @pytest.mark.parametrize("name", ["table-6.1", "figure-7.6"])
 def test_an_item_gives_the_same_twice(name):
-    first, second = _run(name), _run(name)
+    first, second = run_item(name), run_item(name)
     assert json.dumps([f.entry() for f in first.figures]) == json.dumps(
         [f.entry() for f in second.figures]
     )

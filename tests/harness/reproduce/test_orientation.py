@@ -6,10 +6,9 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from harness.reproduce.catalogue import chosen, items
-from harness.reproduce.experiments.broad import Trial
+from harness.reproduce.experiments.broad import BroadTrial
 from harness.reproduce.experiments.orientation import KINDS, errors, vqf
-from harness.reproduce.item import Context
+from tests.harness.reproduce.conftest import run_item
 
 ANGLES = st.floats(-3.0, 3.0)
 
@@ -35,7 +34,7 @@ def trial(true, rate=None, force=None, field=None, **changes):
         "position_seen": every,
         "movement": every,
     }
-    return Trial(**{**values, **changes})
+    return BroadTrial(**{**values, **changes})
 
 
 @settings(deadline=None, max_examples=50)
@@ -85,10 +84,7 @@ def test_vqf_gives_the_attitude_in_the_world_with_x_north():
 @pytest.mark.slow
 def test_the_table_on_the_recordings(data_dir):
     """VQF as its authors' benchmark has it: 2 to 3 deg in the mean, nearly all of it heading."""
-    (item,) = chosen(["attitude-broad"], items())
-    shares = []
-    outcome = item.run(Context(lambda share, what: shares.append(share), data_dir))
-    assert shares == sorted(shares)
+    outcome = run_item("attitude-broad", data_dir)
     found = {(figure.quantity, figure.setting): figure.measured for figure in outcome.figures}
 
     def rms(name, kind, setting):

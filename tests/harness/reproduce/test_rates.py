@@ -4,9 +4,8 @@ import numpy as np
 import pytest
 from scipy.optimize import fsolve
 
-from harness.reproduce.catalogue import chosen, items
-from harness.reproduce.item import Context
 from harness.reproduce.papers.a04 import table_2_4
+from tests.harness.reproduce.conftest import run_item
 
 D1, D2, D3 = 20.2e-3, 14.3e-3, 116.0e-3
 P12, P23, P13 = np.array([[-D1, D1, 0], [D2, D2 - D1, D3], [D2 - D1, D2, D3]])
@@ -23,8 +22,7 @@ INVERSE = np.array(
 
 @pytest.fixture(scope="module")
 def outcome():
-    (item,) = chosen(["table-2.4"], items())
-    return item.run(Context())
+    return run_item("table-2.4")
 
 
 def _measured(outcome, quantity):

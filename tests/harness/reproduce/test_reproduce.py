@@ -9,28 +9,20 @@ from pathlib import Path
 import pytest
 
 from fmu_src.errors import SteadytipError
-from harness.cli.main import main
 from harness.common.figures import Figure
+from harness.report.figure_table import figure_table
 from harness.reproduce import papers
 from harness.reproduce.catalogue import chosen, items
-from harness.reproduce.engine import cells
 from harness.reproduce.item import Context, Item, ItemResult
+from tests.harness.cli import test_cli
 
 ROOT = Path(__file__).parents[3]
 KEYS = ["source", "quantity", "unit", "paper", "measured", "setting"]
 
 
-def call(monkeypatch, capsys, *arguments: str) -> tuple[int, str, str]:
+def call(monkeypatch, capsys, *arguments) -> tuple[int, str, str]:
     """Exit code, output, errors of `steadytip reproduce`; blanks made single."""
-    monkeypatch.setattr(sys, "argv", ["steadytip", "reproduce", *map(str, arguments)])
-    monkeypatch.setenv("COLUMNS", "250")
-    try:
-        main()
-        code = 0
-    except SystemExit as ended:
-        code = int(ended.code or 0)
-    shown = capsys.readouterr()
-    return code, re.sub(r"\s+", " ", shown.out), re.sub(r"\s+", " ", shown.err)
+    return test_cli.call(monkeypatch, capsys, "reproduce", *map(str, arguments))
 
 
 @pytest.fixture(autouse=True)
@@ -264,7 +256,7 @@ def test_numbers_that_are_not_finite_are_no_figures(value):
 
 def test_cells_are_for_people():
     figure = Figure("A04 x", "q", "um/us", 20.0, 22.16049, "15 um in 50 us, volume")
-    assert cells(figure) == ("q", "20", "22.16", "µm/µs", "15 µm in 50 µs, volume")
+    assert figure_table([figure]).rows[0] == ("q", "20", "22.16", "µm/µs", "15 µm in 50 µs, volume")
 
 
 def test_an_unwritable_file_is_the_users_mistake(drop_in, monkeypatch, capsys, tmp_path):

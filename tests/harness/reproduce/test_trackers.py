@@ -4,19 +4,17 @@ import numpy as np
 import pytest
 
 import steadytip as st
-from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.experiments import trackers as bench
-from harness.reproduce.item import Context
 from harness.reproduce.papers.rk.figure_5 import NEAR, swayed
 from harness.scenario.load import load
+from tests.harness.reproduce.conftest import run_item
 
 pytestmark = pytest.mark.xdist_group("trackers")
 
 
 def measured(name):
     """Outcome of an item, and its figures by quantity."""
-    (item,) = chosen([name], items())
-    outcome = item.run(Context())
+    outcome = run_item(name)
     return outcome, {figure.quantity: figure.measured for figure in outcome.figures}
 
 
@@ -58,9 +56,12 @@ def test_em_tracking_overshoots_by_less_than_0_5_deg_at_starts_and_stops():
     _, value = measured("rk-figure-3")
     assert value["overshoot of roll, fused"] < 0.3
     run = bench.rk_run()
-    whole = bench.total(run.ours["attitude"], run.robot["attitude"])
+    whole = bench.total_angle(run.ours["attitude"], run.robot["attitude"])
     assert bench.overshoot(run, whole) < 0.5
-    assert bench.overshoot(run, bench.total(run.tracker["em_attitude"], run.robot["attitude"])) > 1
+    assert (
+        bench.overshoot(run, bench.total_angle(run.tracker["em_attitude"], run.robot["attitude"]))
+        > 1
+    )
 
 
 @pytest.mark.slow
@@ -78,11 +79,11 @@ def test_fused_attitude_in_rooms_that_the_plant_was_not_set_for():
         run = bench.em_run(34.0, seed=len(fused), room=room, room_radii=radii)
         settled = run.time > bench.SETTLED
         true = run.robot["attitude"]
-        before = bench.rms(bench.total(run.tracker["em_attitude"], true)[settled])
+        before = bench.rms(bench.total_angle(run.tracker["em_attitude"], true)[settled])
         if not 0.35 < before < 1.0:
             continue
         alone.append(before)
-        fused.append(bench.rms(bench.total(run.ours["attitude"], true)[settled]))
+        fused.append(bench.rms(bench.total_angle(run.ours["attitude"], true)[settled]))
     print("alone", np.round(alone, 2), "fused", np.round(fused, 3), f"{np.mean(fused):.3f}")
     few = np.array(alone) < 0.6
     assert few.sum() >= 4

@@ -5,12 +5,20 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from fmu_src.kit import Model, Outputs, Parameters, State
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, real
 from harness.recordings.motion import read_recording, recordings
 from harness.reproduce.catalogue import chosen, items
 from harness.reproduce.experiments import ceilings, tremor
-from harness.reproduce.experiments.tremor import DELAYS, RATE, Filter, Motion, filters, score
+from harness.reproduce.experiments.tremor import (
+    DELAYS,
+    RATE,
+    TipMotion,
+    TremorFilter,
+    filters,
+    score,
+)
 from harness.reproduce.item import Context
 
 AXES = np.array([1.0, 0.5, 2.0])
@@ -24,7 +32,7 @@ def _hand(t):
 
 @pytest.fixture
 def motion():
-    return Motion("by hand", _hand, 12.0)
+    return TipMotion("by hand", _hand, 12.0)
 
 
 @pytest.fixture(scope="module")
@@ -72,9 +80,11 @@ def test_only_what_counts_is_scored(motion):
 
 
 def test_a_column_takes_the_worst_of_each_definition():
-    column = tremor.Column([tremor.Score(10.0, 40.0), tremor.Score(30.0, 20.0)])
-    assert column.mean == tremor.Score(20.0, 30.0)
-    assert column.worst == tremor.Score(10.0, 20.0)
+    column = tremor.FilterScores(
+        [tremor.TremorReduction(10.0, 40.0), tremor.TremorReduction(30.0, 20.0)]
+    )
+    assert column.mean == tremor.TremorReduction(20.0, 30.0)
+    assert column.worst == tremor.TremorReduction(10.0, 20.0)
 
 
 class Params(Parameters):
@@ -105,8 +115,8 @@ ECHO = Model("Echo", _echo, Wrapped, In, X, Out, sample_period=4e-3)
 
 
 def test_a_slow_filter_sees_its_own_samples_and_its_output_is_held():
-    echo = Filter(ECHO, ("forecast.horizon",))
-    motion = Motion("time itself", lambda t: np.outer(t, np.ones(3)), 1.0)
+    echo = TremorFilter(ECHO, ("forecast.horizon",))
+    motion = TipMotion("time itself", lambda t: np.outer(t, np.ones(3)), 1.0)
     assert echo.delays == DELAYS
     held = 4e-3 * (np.arange(len(motion.time)) // 4)
     np.testing.assert_allclose(echo.tremor(motion)[:, 1], held, atol=1e-12)
@@ -142,7 +152,7 @@ def test_the_future_of_a_motion_does_not_change_what_a_filter_says_before(name):
         return _hand(t) + 1e-3 * np.outer(np.where(t > ends, np.sin(50 * t), 0.0), AXES)
 
     for delay in each.delays[-1:]:
-        before, after = (each.tremor(Motion("", at, 4.0), delay) for at in (_hand, other))
+        before, after = (each.tremor(TipMotion("", at, 4.0), delay) for at in (_hand, other))
         same = round((ends + delay) * RATE) + 1
         np.testing.assert_array_equal(before[:same], after[:same])
         assert not np.array_equal(before, after)
@@ -197,7 +207,7 @@ def test_a_linear_filter_finds_its_own_weights():
 
 def test_linear_filters_are_causal():
     weights = np.ones((3, ceilings.COARSE.taps))
-    step = Motion("", lambda t: np.outer(t >= 1.0, np.ones(3)).astype(float), 3.0)
+    step = TipMotion("", lambda t: np.outer(t >= 1.0, np.ones(3)).astype(float), 3.0)
     y = ceilings.filtered(step, weights, 4e-3)
     assert np.abs(y[:1004]).max() < 1e-12
     assert y[1004] == pytest.approx(1.0)

@@ -15,7 +15,7 @@ from harness.parts.fmu import FmuPart
 from harness.scenario import load as scenario
 from harness.system import container as fused
 from harness.system.assembly import assemble
-from harness.validation.verdict import validate
+from harness.validation.validate import validate
 
 pytestmark = pytest.mark.xdist_group("fused")  # its tests share what takes long
 

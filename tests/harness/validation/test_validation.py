@@ -16,7 +16,7 @@ from harness.cli.main import app
 from harness.parts.description import platform_folders
 from harness.validation.checks import FILES, ITEMS, PROBES
 from harness.validation.reports import write_json, write_junit
-from harness.validation.verdict import Validation, validate
+from harness.validation.validate import Validation, validate
 from tests.harness.conftest import HERE, PackProbe, compile_probe
 
 QUICK = 4.0  # s that a hanging probe is waited for

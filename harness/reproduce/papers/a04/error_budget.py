@@ -1,17 +1,26 @@
-"""What remains of the error of A04 table 7.1, and what each part of the operator is worth."""
+"""Remaining error of A04 table 7.1, and the share of each part of the operator in it."""
 
-from __future__ import annotations
+from collections.abc import Callable
 
-from typing import TYPE_CHECKING
+import numpy as np
+import plotly.graph_objects as go
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.tracking import Tracker
+from harness.identify.hysteresis.modulated_stops import identify_stops
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart
+from harness.reproduce.experiments.stack import RATE, read
+from harness.reproduce.experiments.tracking import (
+    SECONDS,
+    SEEDS,
+    Track,
+    Tracker,
+    recorded,
+    stops,
+    stops_tracker,
+    tone,
+)
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
+from plants import displacement_sensor, piezo_stack
 
 SOURCE = "A04 table 7.1"
 FREQUENCIES = (1.0, 10.0, 19.0)
@@ -29,26 +38,11 @@ SENSOR = "sensor noise alone"
 
 def run(context: Context) -> ItemResult:
     """Track with one part left out, or one thing changed, at a time."""
-    import numpy as np
-
-    from harness.identify.hysteresis.modulated_stops import identify_stops
-    from harness.reproduce.experiments.stack import RATE, read
-    from harness.reproduce.experiments.tracking import (
-        SECONDS,
-        SEEDS,
-        Track,
-        of_stops,
-        recorded,
-        stops,
-        tone,
-    )  # fmt: skip
-    from plants import displacement_sensor, piezo_stack
-
     volts, stroke = recorded()
     noisy = read(stroke, SEEDS["excitation"])
 
     def rms(tracker: Tracker, noise: bool = True, **more: object) -> float:
-        """With the mean, over all frequencies [um]."""
+        """Return the rms error with its mean, over all frequencies [um]."""
         squares = []
         for frequency in FREQUENCIES:
             seed = int(frequency) if noise else None
@@ -57,10 +51,10 @@ def run(context: Context) -> ItemResult:
         return 1e6 * float(np.mean(squares))
 
     def fitted(measured: np.ndarray = noisy, **more: object) -> Tracker:
-        return of_stops(identify_stops(volts, measured, 1 / RATE, **more))  # type: ignore[arg-type]
+        return stops_tracker(identify_stops(volts, measured, 1 / RATE, **more))  # type: ignore[arg-type]
 
     def late(adaptation: float) -> float:
-        """A long sine on a stack whose gain has drifted: its end."""
+        """Track a long sine on a stack with drifted gain; return the rms error at its end [um]."""
         shape = np.tile(tone(10.0), 3)
         track = stops().track(shape, 10, {"gain_error": GAIN_DRIFT}, adaptation)
         last = slice(round(SETTLED * RATE), round((SETTLED + SECONDS) * RATE))
@@ -96,11 +90,9 @@ def run(context: Context) -> ItemResult:
         context.progress(k / len(rows), name)
         found[name] = measure()
     setting = "modulated stops, mean over sines of 1, 10 and 19 Hz, 12.5 um p-p; with the mean"
+    numbers = ((f"rms error: {name}", "um", None, value) for name, value in found.items())
     return ItemResult(
-        figures=tuple(
-            Figure(SOURCE, f"rms error: {name}", "um", None, value, setting)
-            for name, value in found.items()
-        ),
+        figures=tuple(figures_of(SOURCE, setting, numbers)),
         plots=(_plot(found),),
         notes=(
             "Rms errors add up by their squares: what a part costs is the root of the difference "
@@ -113,18 +105,12 @@ def run(context: Context) -> ItemResult:
 
 
 def _plot(found: dict[str, float]) -> Plot:
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout
-
     names = list(found)[::-1]
     colours = [GREY if name == SENSOR else SERIES[0] for name in names]
     bars = go.Bar(
         x=[found[name] for name in names], y=names, orientation="h", marker={"color": colours}
     )
-    plot = layout(go.Figure(bars), 460, showlegend=False)
-    plot.update_xaxes(title_text="rms error, µm")
+    plot = chart([bars], "rms error, µm", "", 460, showlegend=False)
     plot.update_yaxes(automargin=True)
     return Plot("Error budget", "Rms error of tracking, one change at a time.", plot)
 

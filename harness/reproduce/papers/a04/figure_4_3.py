@@ -1,9 +1,17 @@
 """A04 figure 4.3: tremor-like motion felt at 45 deg, by the linear and the physical model."""
 
-from __future__ import annotations
+import numpy as np
+from scipy.signal import bilinear, lfilter
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from fmu_src.device import design
+from fmu_src.estimation.micron.model import MODEL
+from fmu_src.kit.runner import Runner
+from harness.identify.imu import turntable
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart, line
+from harness.reproduce.experiments import tilt
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
+from plants import inertial_sensors
 
 SOURCE = "A04 figure 4.3"
 AMPLITUDE, FREQUENCY = 30e-6, 10.0
@@ -19,20 +27,7 @@ _MILLI = 1e3
 
 
 def run(context: Context) -> ItemResult:
-    """The raw unit on a shaker at 45 deg; site 1's x channel against the motion."""
-    import numpy as np
-    import plotly.graph_objects as go
-    from scipy.signal import bilinear, lfilter
-
-    from fmu_src.device import design
-    from fmu_src.estimation.micron.model import MODEL
-    from fmu_src.kit.runner import Runner
-    from harness.identify.imu import turntable
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line
-    from harness.reproduce.experiments import tilt
-    from plants import inertial_sensors
-
+    """Shake the raw unit at 45 deg; compare site 1's x channel with the motion."""
     context.progress(0.0, "calibrating")
     models = tilt.identified()
     context.progress(0.8, "shaking")
@@ -46,7 +41,7 @@ def run(context: Context) -> ItemResult:
     del settings["fmu"]
     sensors = Runner(inertial_sensors.MODEL, {**settings, "accelerometer_noise": NOISE, "seed": 3})
     inputs = {"force1": force, "force2": force, "force3": force, "field": [2e-5, 0.0, -4e-5]}
-    told = sensors.run(len(t), inputs)
+    sensed = sensors.run(len(t), inputs)
     # The interferometer's acceleration behind the same filter, instead of the output ahead of it.
     lag = design.SENSOR_LAG
     felt = lfilter(*bilinear([1.0], [lag, 1.0], 1 / T), pushed)
@@ -55,28 +50,24 @@ def run(context: Context) -> ItemResult:
         f"simulated; alpha {ALPHA:g}, beta {BETA:g} deg, {2e6 * AMPLITUDE:g} um p-p at "
         f"{FREQUENCY:g} Hz, noise of the thesis"
     )
-    figures, plot = [], go.Figure()
     shown = kept & (t < SETTLE + 0.4)
-    plot.add_trace(line(t[shown], felt[shown] * _MILLI, GREY, "motion", dash="dot"))
+    curves = [line(t[shown], felt[shown] * _MILLI, GREY, "motion", dash="dot")]
+    rows: list[Row] = []
     for (name, paper), colour in zip(PAPER.items(), SERIES, strict=False):
-        read = {"volts": told["volts"], "temperature": told["temperature"]}
+        read = {"volts": sensed["volts"], "temperature": sensed["temperature"]}
         out = Runner(MODEL, models[name]).run(len(t), read)["force"][:, 0] - gravity[0]
-        rms = float(np.sqrt(np.mean((out - felt)[kept] ** 2)) * _MILLI)
-        figures.append(
-            Figure(SOURCE, f"rms error of acceleration, {name} model", "mm/s2", paper, rms, setting)
-        )
-        plot.add_trace(line(t[shown], out[shown] * _MILLI, colour, f"{name} model"))
+        rms = np.sqrt(np.mean((out - felt)[kept] ** 2)) * _MILLI
+        rows.append((f"rms error of acceleration, {name} model", "mm/s2", paper, rms))
+        curves.append(line(t[shown], out[shown] * _MILLI, colour, f"{name} model"))
     noise = float(np.pi / 2 / (2 * np.pi * lag)) ** 0.5 * NOISE * _MILLI
-    figures.append(Figure(SOURCE, "noise alone behind the filter", "mm/s2", None, noise, setting))
-    plot.update_xaxes(title_text="time, s")
-    plot.update_yaxes(title_text="acceleration along x, mm/s²")
+    rows.append(("noise alone behind the filter", "mm/s2", None, noise))
     return ItemResult(
-        figures=tuple(figures),
+        figures=tuple(figures_of(SOURCE, setting, rows)),
         plots=(
             Plot(
                 "Acceleration at 45 deg",
                 "Channel a1x by either model, and the motion behind the same output filter.",
-                layout(plot, 380),
+                chart(curves, "time, s", "acceleration along x, mm/s²"),
             ),
         ),
         notes=(

@@ -1,15 +1,16 @@
 """A04 figure 6.7: the workspace of the tip, and the tremor to cancel in it."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import numpy as np
+import plotly.graph_objects as go
+from scipy.spatial import ConvexHull
 
 from harness.common.figures import Figure
+from harness.report.page import Plot
+from harness.report.plots import SERIES, grid, layout, line
+from harness.reproduce.experiments.workspace import Workspace, workspace
 from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.workspace import Workspace
 
 TREMOR = 50.0
 """Diameter of the sphere that stands for tremor [um]."""
@@ -17,9 +18,7 @@ SOURCE = "A04 figure 6.7"
 
 
 def run(context: Context) -> ItemResult:
-    """The boundary of the workspace with the tremor sphere at rest."""
-    from harness.reproduce.experiments.workspace import workspace
-
+    """Compute the boundary of the workspace with the tremor sphere at rest."""
     context.progress(0.1, "workspace")
     reach = workspace()
     context.progress(0.8, "plots")
@@ -43,12 +42,6 @@ def run(context: Context) -> ItemResult:
 
 
 def _space(reach: Workspace) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout
-
     figure = go.Figure()
     x, y, z = reach.points.T * 1e6
     i, j, k = reach.triangles.T
@@ -99,33 +92,28 @@ def _space(reach: Workspace) -> Plot:
 
 
 def _outlines(reach: Workspace) -> Plot:
-    import numpy as np
-    from plotly.subplots import make_subplots
-    from scipy.spatial import ConvexHull
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-
-    figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.1)
     turn = np.linspace(0, 2 * np.pi, 101)
-    for column, (across, up) in enumerate(((0, 1), (0, 2)), start=1):
+    views = ((0, 1), (0, 2))
+    panels = []
+    for across, up in views:
         flat = reach.points[:, [across, up]] * 1e6
         ring = flat[ConvexHull(flat).vertices]
         ring = np.vstack((ring, ring[:1]))
-        first = column == 1
-        for trace in (
-            line(ring[:, 0], ring[:, 1], SERIES[0], "workspace, seen from outside", first),
-            line(TREMOR / 2 * np.cos(turn), TREMOR / 2 * np.sin(turn), SERIES[1], "tremor", first),
-        ):
-            figure.add_trace(trace, row=1, col=column)
-        figure.update_xaxes(title_text=f"{'xyz'[across]}, µm", row=1, col=column)
-        figure.update_yaxes(title_text=f"{'xyz'[up]}, µm", row=1, col=column)
-        # Both views to one scale: what looks round is round.
-        figure.update_yaxes(scaleanchor=f"x{column if column > 1 else ''}", row=1, col=column)
+        panels.append(
+            [
+                line(ring[:, 0], ring[:, 1], SERIES[0], "workspace, seen from outside"),
+                line(TREMOR / 2 * np.cos(turn), TREMOR / 2 * np.sin(turn), SERIES[1], "tremor"),
+            ]
+        )
+    x, y = ([f"{'xyz'[axis]}, µm" for axis in axes] for axes in zip(*views, strict=True))
+    figure = grid([panels], x, y, 460)
+    # Both views to one scale: what looks round is round.
+    figure.update_yaxes(scaleanchor="x", row=1, col=1)
+    figure.update_yaxes(scaleanchor="x2", row=1, col=2)
     return Plot(
         "Outlines",
         "The same along the shaft (left) and from the side (right), each to one scale.",
-        layout(figure, 460),
+        figure,
     )
 
 

@@ -1,9 +1,11 @@
 """A04 figure 7.1: hysteresis depends on the rate."""
 
-from __future__ import annotations
+import numpy as np
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from harness.report.page import Plot
+from harness.report.plots import SERIES, chart, line
+from harness.reproduce.experiments.stack import FINE_RATE, TRAVEL, off_line, sine
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 FREQUENCIES = (1.0, 19.0)
 """Ends of the band of table 7.1 [Hz]; the figure does not say its own."""
@@ -15,15 +17,8 @@ SOURCE = "A04 figure 7.1"
 
 
 def run(context: Context) -> ItemResult:
-    """Loops of stroke over voltage of the stack at two frequencies."""
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-    from harness.reproduce.experiments.stack import FINE_RATE, TRAVEL, off_line, sine
-
-    figures, loops = [], go.Figure()
+    """Drive loops of stroke over voltage of the stack at two frequencies."""
+    figures, loops = [], []
     for index, frequency in enumerate((SLOW, *FREQUENCIES)):
         context.progress(index / 3, f"{frequency:g} Hz")
         volts, stroke = sine(frequency, 1, FINE_RATE)
@@ -34,30 +29,18 @@ def run(context: Context) -> ItemResult:
         setting = f"{frequency:g} Hz sine, 12.5 um p-p, no sensor noise"
         if frequency == SLOW:
             share = 100 * np.abs(off).max() / TRAVEL
-            figures.append(
-                Figure(
-                    "A04 7.1",
-                    "largest hysteretic error in static positioning (paper: about)",
-                    "%",
-                    STATIC_ERROR,
-                    share,
-                    f"distance from the best straight line, in travels; {setting}",
-                )
-            )
+            quantity = "largest hysteretic error in static positioning (paper: about)"
+            setting = f"distance from the best straight line, in travels; {setting}"
+            figures += figures_of("A04 7.1", setting, [(quantity, "%", STATIC_ERROR, share)])
             continue
-        figures += [
-            Figure(SOURCE, "width of the loop", "% of travel", None, 100 * width / TRAVEL, setting),
-            Figure(
-                SOURCE, "rms distance from the best straight line", "um", None,
-                float(np.std(off)) * 1e6, setting,
-            ),
-        ]  # fmt: skip
-        ring = np.append(np.arange(len(volts)), 0)
-        loops.add_trace(
-            line(volts[ring], stroke[ring] * 1e6, SERIES[index - 1], f"{frequency:g} Hz")
+        rows = (
+            ("width of the loop", "% of travel", None, 100 * width / TRAVEL),
+            ("rms distance from the best straight line", "um", None, np.std(off) * 1e6),
         )
-    loops.update_xaxes(title_text="voltage, V")
-    loops.update_yaxes(title_text="stroke, µm")
+        figures += figures_of(SOURCE, setting, rows)
+        ring = np.append(np.arange(len(volts)), 0)
+        name = f"{frequency:g} Hz"
+        loops.append(line(volts[ring], stroke[ring] * 1e6, SERIES[index - 1], name))
     return ItemResult(
         figures=tuple(figures),
         plots=(
@@ -65,7 +48,7 @@ def run(context: Context) -> ItemResult:
                 "Loops at two frequencies",
                 "Stroke of the stack over its voltage, one settled cycle of a sine of 12.5 µm p-p "
                 "each.",
-                layout(loops, 460),
+                chart(loops, "voltage, V", "stroke, µm", 460),
             ),
         ),
         notes=(

@@ -1,9 +1,14 @@
 """A04 figure 7.10: the inverse operator is the mirror image of the operator."""
 
-from __future__ import annotations
+import numpy as np
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from fmu_src.kit.runner import Runner
+from fmu_src.piezo import inverse_prandtl_ishlinskii
+from fmu_src.piezo.prandtl_ishlinskii import NOMINAL
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart, line
+from harness.reproduce.experiments.stack import run_operator
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 TOP = 80.0
 """Largest voltage of the loops [V]."""
@@ -13,17 +18,7 @@ SOURCE = "A04 figure 7.10"
 
 
 def run(context: Context) -> ItemResult:
-    """Loops of the operator, and those of its inverse for the strokes that it made."""
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from fmu_src.kit.runner import Runner
-    from fmu_src.piezo import inverse_prandtl_ishlinskii
-    from fmu_src.piezo.prandtl_ishlinskii import NOMINAL
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line
-    from harness.reproduce.experiments.stack import run_operator
-
+    """Drive loops of the operator, and those of its inverse for the strokes that it made."""
     turn = np.linspace(0, 2 * np.pi * TURNS, 4001)
     volts = TOP / 2 * (1 - (1 - turn / turn[-1]) * np.cos(turn))
     rise = volts[0] * np.linspace(0, 1, 200, endpoint=False)
@@ -32,30 +27,31 @@ def run(context: Context) -> ItemResult:
     inverse = Runner(inverse_prandtl_ishlinskii.MODEL).run(len(stroke), {"stroke": stroke})["volts"]
     made = run_operator({}, inverse)
 
-    plot = go.Figure()
     acting = stroke / NOMINAL
     ends = np.array([0.0, max(TOP, acting.max())])
-    plot.add_trace(line(ends, ends, GREY, "45° line", dash="dot"))
-    plot.add_trace(line(acting, inverse, SERIES[1], "inverse operator", width=1.2))
-    plot.add_trace(line(volts, acting, SERIES[0], "operator", width=2.4))
-    plot.update_xaxes(title_text="input, V (voltage; stroke over nominal stroke per volt)")
-    plot.update_yaxes(title_text="output, V", scaleanchor="x")
+    curves = (
+        line(ends, ends, GREY, "45° line", dash="dot"),
+        line(acting, inverse, SERIES[1], "inverse operator", width=1.2),
+        line(volts, acting, SERIES[0], "operator", width=2.4),
+    )
+    title = "input, V (voltage; stroke over nominal stroke per volt)"
+    plot = chart(curves, title, "output, V", 560)
+    plot.update_yaxes(scaleanchor="x")
     setting = f"shipped weights; {TURNS} loops of falling size, 0 to {TOP:g} V"
-    mirror = float(np.abs(inverse - volts).max())
-    identity = float(np.abs(made - stroke).max())
+    mirror, identity = np.abs(inverse - volts).max(), np.abs(made - stroke).max()
+    rows = (
+        ("largest distance of the inverse's loops from the mirror image", "uV", None, mirror * 1e6),
+        ("largest error of the operator after its inverse (paper: identity 7.11)", "nm", 0.0,
+         identity * 1e9),
+    )  # fmt: skip
     return ItemResult(
-        figures=(
-            Figure(SOURCE, "largest distance of the inverse's loops from the mirror image", "uV",
-                   None, mirror * 1e6, setting),
-            Figure(SOURCE, "largest error of the operator after its inverse (paper: identity 7.11)",
-                   "nm", 0.0, identity * 1e9, setting),
-        ),
+        figures=tuple(figures_of(SOURCE, setting, rows)),
         plots=(
             Plot(
                 "Operator and inverse",
                 "Stroke over voltage of the operator, and voltage over stroke of its inverse; "
                 "both in volts, to one scale.",
-                layout(plot, 560),
+                plot,
             ),
         ),
         notes=(
@@ -63,7 +59,7 @@ def run(context: Context) -> ItemResult:
             "falling loops. It gives the voltages back to rounding: its loops are the operator's, "
             "mirrored about the 45 degree line.",
         ),
-    )  # fmt: skip
+    )
 
 
 ITEM = Item(

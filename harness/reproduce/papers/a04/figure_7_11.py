@@ -1,16 +1,12 @@
 """A04 figure 7.11: slopes of the loading curve go with the rate."""
 
-from __future__ import annotations
+import numpy as np
 
-from typing import TYPE_CHECKING
-
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from harness.report.page import Plot
+from harness.identify.hysteresis.plays import SWEEP_TOP, loading_slopes
+from harness.report.page import Plot
+from harness.report.plots import SERIES, chart, line
+from harness.reproduce.experiments.tracking import SWEEP, rate_dependence, sweep
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SOURCE = "A04 figure 7.11"
 FAST = 750e-6
@@ -21,11 +17,6 @@ FIRST_LIMIT = 200e-6
 
 def run(context: Context) -> ItemResult:
     """Fit slopes to saw-teeth of one rate each, and lines through them."""
-    import numpy as np
-
-    from harness.identify.hysteresis.plays import SWEEP_TOP, loading_slopes
-    from harness.reproduce.experiments.tracking import SWEEP, rate_dependence, sweep
-
     context.progress(0.0, "saw-teeth")
     volts, measured, where = sweep()
     context.progress(0.3, "identifying the rate-dependent operator")
@@ -40,30 +31,19 @@ def run(context: Context) -> ItemResult:
     turning = 2 * np.asarray(tracker.parameters["thresholds"]) < SWEEP_TOP
     found = found[:, turning]
     setting = f"{len(SWEEP)} saw-teeth of {SWEEP[0]:g} to {SWEEP[-1]:g} Hz, {SWEEP_TOP:g} V"
-    ratios = [
-        Figure(
-            SOURCE,
-            f"slope W_{play}, at 750 um/s over that at {1e6 * rate[0]:.0f} um/s",
-            "",
-            None,
-            float(np.interp(FAST, rate, found[:, play]) / found[0, play]),
-            setting,
-        )
-        for play in range(found.shape[1])
+    span = f"at 750 um/s over that at {1e6 * rate[0]:.0f} um/s"
+    rows: list[Row] = [
+        (f"slope W_{play}, {span}", "", None, np.interp(FAST, rate, slope) / slope[0])
+        for play, slope in enumerate(found.T)
     ]
     off = max(
-        _off_line(rate, found[:, play], FIRST_LIMIT if play < 2 else FAST)
-        for play in range(found.shape[1])
+        _off_line(rate, slope, FIRST_LIMIT if play < 2 else FAST)
+        for play, slope in enumerate(found.T)
     )
     limit = "first two up to 200 um/s, others up to 750 um/s"
+    rows.append((f"largest rms distance of a slope from a line, {limit}", "", None, off))
     return ItemResult(
-        figures=(
-            *ratios,
-            Figure(
-                SOURCE, f"largest rms distance of a slope from a line, {limit}", "", None, off,
-                setting,
-            ),
-        ),
+        figures=tuple(figures_of(SOURCE, setting, rows)),
         plots=(_plot(rate, found),),
         notes=(
             "Each saw-tooth moves the stack at one rate, and gives slopes W_0 to W_8 by least "
@@ -72,13 +52,11 @@ def run(context: Context) -> ItemResult:
             "for slow rates only: turning points get rounder, and at 7 V a sample there is hardly "
             "one sample in the first 8 V after a turn.",
         ),
-    )  # fmt: skip
+    )
 
 
 def _off_line(rate: np.ndarray, slope: np.ndarray, limit: float) -> float:
-    """Rms distance of slopes from their best line over the rates up to a limit."""
-    import numpy as np
-
+    """Return rms distance of slopes from their best line over the rates up to a limit."""
     slow = rate <= limit
     return float(
         np.std(slope[slow] - np.polyval(np.polyfit(rate[slow], slope[slow], 1), rate[slow]))
@@ -86,22 +64,16 @@ def _off_line(rate: np.ndarray, slope: np.ndarray, limit: float) -> float:
 
 
 def _plot(rate: np.ndarray, slopes: np.ndarray) -> Plot:
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-
-    plot = go.Figure()
-    for play in range(slopes.shape[1]):
-        curve = line(1e6 * rate, slopes[:, play], SERIES[play % len(SERIES)], f"W<sub>{play}</sub>")
-        curve.mode = "lines+markers"
-        plot.add_trace(curve)
-    plot.update_xaxes(title_text="rate of the stroke, µm/s")
-    plot.update_yaxes(title_text="slope of the loading curve")
+    curves = [
+        line(1e6 * rate, slope, SERIES[play % len(SERIES)], f"W<sub>{play}</sub>",
+             mode="lines+markers")
+        for play, slope in enumerate(slopes.T)
+    ]  # fmt: skip
+    plot = chart(curves, "rate of the stroke, µm/s", "slope of the loading curve", 480)
     return Plot(
         "Slopes over the rate",
         "Sums of weights W of the plays, identified at one saw-tooth each.",
-        layout(plot, 480),
+        plot,
     )
 
 

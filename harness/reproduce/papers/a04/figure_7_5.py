@@ -1,9 +1,11 @@
 """A04 figure 7.5: the generalised backlash operator."""
 
-from __future__ import annotations
+import numpy as np
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from harness.report.page import Plot
+from harness.report.plots import SERIES, chart, line
+from harness.reproduce.experiments.stack import operator
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 THRESHOLD = 20.0
 """r [V]; the figure has letters only."""
@@ -15,17 +17,10 @@ SOURCE = "A04 figure 7.5"
 
 
 def run(context: Context) -> ItemResult:
-    """One play for two weights, driven by a sine."""
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-    from harness.reproduce.experiments.stack import operator
-
+    """Drive one play with a sine, for two weights."""
     volts = TOP * np.sin(np.linspace(0, 5 * np.pi, 2001))
     cycle = np.arange(len(volts)) > 400  # what is before is the way from rest
-    figures, plot = [], go.Figure()
+    figures, curves = [], []
     for weight, colour in zip(WEIGHTS, SERIES, strict=False):
         y = operator(volts, (THRESHOLD,), (weight,))
         rising = np.gradient(volts) > 0
@@ -33,14 +28,9 @@ def run(context: Context) -> ItemResult:
         apart = volts - y / weight  # r on the way up, -r on the way down
         width = apart[cycle & middle & rising].mean() - apart[cycle & middle & ~rising].mean()
         setting = f"r = {THRESHOLD:g} V, w_h = {weight:g}"
-        figures.append(
-            Figure(
-                SOURCE, "width of the loop (paper: 2 r)", "V", 2 * THRESHOLD, float(width), setting
-            )
-        )
-        plot.add_trace(line(volts, y, colour, f"w_h = {weight:g}"))
-    plot.update_xaxes(title_text="x, V")
-    plot.update_yaxes(title_text="y, V")
+        row = ("width of the loop (paper: 2 r)", "V", 2 * THRESHOLD, width)
+        figures += figures_of(SOURCE, setting, [row])
+        curves.append(line(volts, y, colour, f"w_h = {weight:g}"))
     return ItemResult(
         figures=tuple(figures),
         plots=(
@@ -48,7 +38,7 @@ def run(context: Context) -> ItemResult:
                 "Backlash operator",
                 f"Output of a play with the threshold r = {THRESHOLD:g} V over its input, from "
                 "rest, for two weights.",
-                layout(plot, 420),
+                chart(curves, "x, V", "y, V", 420),
             ),
         ),
         notes=("Equations (7.1) and (7.3), by the model `PrandtlIshlinskii` with one play.",),

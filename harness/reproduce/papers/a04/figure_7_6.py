@@ -1,9 +1,11 @@
 """A04 figure 7.6: the Prandtl-Ishlinskii operator and its loading curve."""
 
-from __future__ import annotations
+import numpy as np
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart, line
+from harness.reproduce.experiments.stack import operator
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 THRESHOLDS = (0.0, 10.0, 20.0, 30.0, 40.0)
 """r, n = 4, equally spaced [V]; the figure has letters only."""
@@ -15,14 +17,7 @@ SOURCE = "A04 figure 7.6"
 
 
 def run(context: Context) -> ItemResult:
-    """Loading curve and the loop that follows it."""
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line
-    from harness.reproduce.experiments.stack import operator
-
+    """Drive the operator along its loading curve and the loop that follows."""
     up = np.linspace(0, TOP, 801)
     volts = np.concatenate((up, up[-2::-1], up[1:]))
     y = operator(volts, THRESHOLDS, WEIGHTS)
@@ -30,23 +25,17 @@ def run(context: Context) -> ItemResult:
     figures = []
     for index, (low, high) in enumerate(zip(THRESHOLDS, ends, strict=True)):
         inside = (up > low) & (up < high)
-        figures.append(
-            Figure(
-                SOURCE,
-                f"slope W_h{index} of the loading curve (paper: by 7.6)",
-                "",
-                sum(WEIGHTS[: index + 1]),
-                float(np.polyfit(up[inside], y[: len(up)][inside], 1)[0]),
-                f"between {low:g} and {high:g} V",
-            )
-        )
-    plot = go.Figure()
-    plot.add_trace(line(volts[len(up) :], y[len(up) :], GREY, "loop after it", dash="dot"))
-    plot.add_trace(line(up, y[: len(up)], SERIES[0], "initial loading curve", width=2.2))
+        slope = np.polyfit(up[inside], y[: len(up)][inside], 1)[0]
+        quantity = f"slope W_h{index} of the loading curve (paper: by 7.6)"
+        row = (quantity, "", sum(WEIGHTS[: index + 1]), slope)
+        figures += figures_of(SOURCE, f"between {low:g} and {high:g} V", [row])
+    curves = (
+        line(volts[len(up) :], y[len(up) :], GREY, "loop after it", dash="dot"),
+        line(up, y[: len(up)], SERIES[0], "initial loading curve", width=2.2),
+    )
+    plot = chart(curves, "x, V", "y, V", 420)
     for threshold in THRESHOLDS[1:]:
         plot.add_vline(threshold, line={"color": "#bbbbbb", "width": 1, "dash": "dash"})
-    plot.update_xaxes(title_text="x, V")
-    plot.update_yaxes(title_text="y, V")
     return ItemResult(
         figures=tuple(figures),
         plots=(
@@ -54,7 +43,7 @@ def run(context: Context) -> ItemResult:
                 "Loading curve",
                 "Output of five plays: from rest along the loading curve, whose corners lie at "
                 "the thresholds, then down to 0 V and back, where they lie at twice those.",
-                layout(plot, 420),
+                plot,
             ),
         ),
         notes=(

@@ -1,8 +1,11 @@
 """A04 figure 7.7: dead zone and saturation."""
 
-from __future__ import annotations
+import numpy as np
 
 from harness.common.figures import Figure
+from harness.report.page import Plot
+from harness.report.plots import SERIES, grid, line
+from harness.reproduce.experiments.stack import operator
 from harness.reproduce.item import Context, Item, ItemResult
 
 THRESHOLD, GAIN = 30.0, 0.5
@@ -17,15 +20,7 @@ SOURCE = "A04 figure 7.7"
 
 
 def run(context: Context) -> ItemResult:
-    """One dead zone, and three of them that make a saturation."""
-    import numpy as np
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-    from harness.reproduce.experiments.stack import operator
-
+    """Drive one dead zone, and three of them that make a saturation."""
     y = np.linspace(-TOP / 3, TOP, 1201)
     # A single play with r = 0 hands its input on, so that only the saturation is left.
     zone = operator(y, dead_zones=(0.0, THRESHOLD), saturation=(0.0, GAIN))
@@ -40,13 +35,13 @@ def run(context: Context) -> ItemResult:
         inside = (y > low) & (y < high)
         found = float(np.polyfit(y[inside], z[inside], 1)[0])
         figures.append(Figure(SOURCE, name, "", slope, found, setting))
-    plot: go.Figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.1)
-    plot.add_trace(line(y, zone, SERIES[0], "dead zone", width=2.2), row=1, col=1)
-    plot.add_trace(line(y, curve, SERIES[1], "saturation", width=2.2), row=1, col=2)
+    panels = (
+        [line(y, zone, SERIES[0], "dead zone", width=2.2)],
+        [line(y, curve, SERIES[1], "saturation", width=2.2)],
+    )
+    plot = grid([panels], "y, V", ["z, V"], 380)
     for place in THRESHOLDS[1:]:
         plot.add_vline(place, line={"color": "#bbbbbb", "width": 1, "dash": "dash"}, row=1, col=2)
-    plot.update_xaxes(title_text="y, V")
-    plot.update_yaxes(title_text="z, V", row=1, col=1)
     return ItemResult(
         figures=tuple(figures),
         plots=(
@@ -54,7 +49,7 @@ def run(context: Context) -> ItemResult:
                 "Dead zone and saturation",
                 f"One one-sided dead zone with d = {THRESHOLD:g} V and w_s = {GAIN:g} (left), and "
                 "the weighted sum of three (right).",
-                layout(plot, 380),
+                plot,
             ),
         ),
         notes=(

@@ -1,16 +1,12 @@
 """A04 figure 7.8: the identified operator over the measured response."""
 
-from __future__ import annotations
+import numpy as np
 
-from typing import TYPE_CHECKING
-
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from harness.report.page import Plot
+from harness.identify.hysteresis.plays import excitation, identify_hysteresis
+from harness.report.page import Plot
+from harness.report.plots import SERIES, chart, line
+from harness.reproduce.experiments.stack import RATE, TRAVEL, read, respond, run_operator, sine
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 FREQUENCY = 10.0
 """Of the sine [Hz]."""
@@ -25,11 +21,6 @@ SOURCE = "A04 figure 7.8"
 
 def run(context: Context) -> ItemResult:
     """Fit the operator to recorded responses alone, and lay it over a 10 Hz sine."""
-    import numpy as np
-
-    from harness.identify.hysteresis.plays import excitation, identify_hysteresis
-    from harness.reproduce.experiments.stack import RATE, TRAVEL, read, respond, run_operator, sine
-
     context.progress(0.0, "recording for the identification")
     drive = excitation(RATE)
     response = read(respond(drive), SEEDS[0])
@@ -48,19 +39,16 @@ def run(context: Context) -> ItemResult:
         left = measured - run_operator(fit.parameters, volts)
         left = (left - left.mean())[round(RATE / FREQUENCY) :]
         models[name] = run_operator(fit.parameters, volts)
-        rms, largest = float(np.std(left)), float(np.abs(left).max())
+        rms, largest = np.std(left), np.abs(left).max()
         where = f"identified from: {setting}; sensor noise 0.07 um rms included"
-        figures += [
-            Figure(SOURCE, "rms of measured less model", "um", None, rms * 1e6, where),
-            Figure(SOURCE, "the same over the travel", "%", None, 100 * rms / TRAVEL, where),
-            Figure(SOURCE, "largest of measured less model", "um", None, largest * 1e6, where),
-        ]
-    figures.append(
-        Figure(
-            SOURCE, "travel of the sine, p-p", "um", TRAVEL * 1e6, float(travel) * 1e6,
-            "voltage chosen for it",
+        rows = (
+            ("rms of measured less model", "um", None, rms * 1e6),
+            ("the same over the travel", "%", None, 100 * rms / TRAVEL),
+            ("largest of measured less model", "um", None, largest * 1e6),
         )
-    )  # fmt: skip
+        figures += figures_of(SOURCE, where, rows)
+    row = ("travel of the sine, p-p", "um", TRAVEL * 1e6, travel * 1e6)
+    figures += figures_of(SOURCE, "voltage chosen for it", [row])
     context.progress(0.95, "plot")
     return ItemResult(
         figures=tuple(figures),
@@ -74,27 +62,16 @@ def run(context: Context) -> ItemResult:
 
 
 def _loops(volts: np.ndarray, measured: np.ndarray, models: dict[str, np.ndarray]) -> Plot:
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-    from harness.reproduce.experiments.stack import RATE
-
     last = slice(-round(SHOWN * RATE / FREQUENCY), None)
-    plot = go.Figure()
-    plot.add_trace(line(volts[last], measured[last] * 1e6, SERIES[5], "measured", width=2.4))
-    for (name, model), dash in zip(models.items(), ("dot", "dash"), strict=True):
+    curves = [line(volts[last], measured[last] * 1e6, SERIES[5], "measured", width=2.4)]
+    for (name, model), colour, dash in zip(models.items(), SERIES, ("dot", "dash"), strict=False):
         moved = model - model.mean() + measured.mean()
-        colour = SERIES[0] if dash == "dot" else SERIES[1]
-        plot.add_trace(
-            line(volts[last], moved[last] * 1e6, colour, f"model, from the {name}", dash=dash)
-        )
-    plot.update_xaxes(title_text="voltage, V")
-    plot.update_yaxes(title_text="stroke, µm")
+        name = f"model, from the {name}"
+        curves.append(line(volts[last], moved[last] * 1e6, colour, name, dash=dash))
     return Plot(
         "Identified operator over the measured response",
         f"The last {SHOWN} cycles of a 10 Hz sine of 12.5 µm p-p, with sensor noise.",
-        layout(plot, 480),
+        chart(curves, "voltage, V", "stroke, µm", 480),
     )
 
 

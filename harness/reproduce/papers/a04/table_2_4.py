@@ -1,16 +1,18 @@
 """A04 table 2.4: noise of rate and acceleration, all accelerometers against gyros."""
 
-from __future__ import annotations
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
+import casadi as ca
+import numpy as np
+import plotly.graph_objects as go
+from numpy.typing import NDArray
 
+from fmu_src.device import design
+from fmu_src.device import sensing_kinematics as kinematics
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from harness.report.page import Plot
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "A04 table 2.4"
 GYRO = 0.75
@@ -31,14 +33,12 @@ _MILLI = 1e3
 
 
 def stated() -> float:
-    """Noise of a channel as stated [m/s2]."""
-    from fmu_src.device import design
-
+    """Return noise of a channel as stated [m/s2]."""
     return CHANNEL_MILLI_G * 1e-3 * design.SITE_GRAVITY
 
 
 def rates(A_D: NDArray[Any]) -> NDArray[Any]:
-    """Rate after one sample from rest, by the nonlinear least squares of (2.5) to (2.7).
+    """Return rate after one sample from rest, by the nonlinear least squares of (2.5) to (2.7).
 
     Args:
         A_D: differential accelerations, (3, n) [m/s2].
@@ -46,11 +46,6 @@ def rates(A_D: NDArray[Any]) -> NDArray[Any]:
     Returns:
         Rates (3, n) [rad/s].
     """
-    import casadi as ca
-    import numpy as np
-
-    from fmu_src.device import sensing_kinematics as kinematics
-
     a = ca.SX.sym("a", 3)
     geometry = kinematics.Geometry.of(kinematics.Layout.unpack(kinematics.Layout.starts()))
     free_roll = (1.0, 1e12)
@@ -59,14 +54,10 @@ def rates(A_D: NDArray[Any]) -> NDArray[Any]:
 
 
 def covariances(sigma: float) -> dict[str, NDArray[Any]]:
-    """Covariance of the rate [rad2/s2] for a channel's noise [m/s2], by draws and by sigma points.
+    """Return the rate's covariance [rad2/s2] for noise [m/s2], by draws and by sigma points.
 
     The scaled unscented transformation of (2.48) to (2.51) with n + kappa = 3.
     """
-    import numpy as np
-
-    from fmu_src.device import sensing_kinematics as kinematics
-
     rng = np.random.default_rng(SEED)
     channels = sigma * rng.normal(size=(6, DRAWS))
     first, second = np.array(kinematics.PAIRS).T
@@ -80,26 +71,17 @@ def covariances(sigma: float) -> dict[str, NDArray[Any]]:
 
 
 def deviation(covariance: NDArray[Any]) -> NDArray[Any]:
-    """Standard deviations of a covariance, (3,) [deg/s]."""
-    import numpy as np
-
+    """Return standard deviations of a covariance, (3,) [deg/s]."""
     return np.degrees(np.sqrt(np.diag(covariance)))
 
 
 def as_printed(covariance: NDArray[Any]) -> NDArray[Any]:
-    """Root of the sums of a covariance's rows, (3,) [deg/s]: (2.52)."""
-    import numpy as np
-
+    """Return root of the sums of a covariance's rows, (3,) [deg/s]: (2.52)."""
     return np.degrees(np.sqrt(covariance.sum(axis=1)))
 
 
 def compounded(sigma: float) -> float:
-    """Standard deviation of an acceleration from the two channels of its axis [m/s2] (2.53)."""
-    import casadi as ca
-    import numpy as np
-
-    from fmu_src.device import sensing_kinematics as kinematics
-
+    """Return the standard deviation of an acceleration from two channels [m/s2] (2.53)."""
     f = ca.SX.sym("f", 6)
     compound = ca.Function("compound", [f], [kinematics.compound(f, ca.DM.ones(6))])
     drawn = sigma * np.random.default_rng(SEED).normal(size=(6, DRAWS))
@@ -107,7 +89,7 @@ def compounded(sigma: float) -> float:
 
 
 def run(context: Context) -> ItemResult:
-    """Noise through the sensing kinematics: as stated, and as the table seems to have it."""
+    """Propagate noise through the sensing kinematics, as stated and as in the table."""
     context.progress(0.1, "noise as stated")
     sigma = stated()
     found = covariances(sigma)
@@ -137,17 +119,11 @@ def run(context: Context) -> ItemResult:
         for name, (values, setting) in columns.items()
         for place, axis in enumerate("xyz")
     ]
-    figures += [
-        Figure(SOURCE, "acceleration, one channel", "mm/s2", CHANNEL, sigma * _MILLI, "as stated"),
-        Figure(
-            SOURCE,
-            "acceleration, two channels",
-            "mm/s2",
-            COMPOUND,
-            compounded(sigma) * _MILLI,
-            f"simulated, {DRAWS} draws; {CHANNEL_MILLI_G:g} mg in a channel",
-        ),
-    ]
+    row = ("acceleration, one channel", "mm/s2", CHANNEL, sigma * _MILLI)
+    figures += figures_of(SOURCE, "as stated", [row])
+    row = ("acceleration, two channels", "mm/s2", COMPOUND, compounded(sigma) * _MILLI)
+    setting = f"simulated, {DRAWS} draws; {CHANNEL_MILLI_G:g} mg in a channel"
+    figures += figures_of(SOURCE, setting, [row])
     return ItemResult(
         figures=tuple(figures),
         plots=(_plot({name: values for name, (values, _) in columns.items()}),),
@@ -167,12 +143,6 @@ def run(context: Context) -> ItemResult:
 
 
 def _plot(columns: dict[str, NDArray[Any]]) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout
-
     axes = list("xyz")
     shown = {
         "gyro": (np.full(3, GYRO), "#bbbbbb"),
@@ -181,19 +151,17 @@ def _plot(columns: dict[str, NDArray[Any]]) -> Plot:
     del columns["rate, root of the variance, by sigma points"]
     for (name, values), colour in zip(columns.items(), SERIES, strict=False):
         shown[name] = (values, colour)
-    plot = go.Figure(
-        [
-            go.Bar(x=axes, y=values, name=name, marker_color=colour)
-            for name, (values, colour) in shown.items()
-        ]
-    )
-    plot.update_xaxes(title_text="rate about")
-    plot.update_yaxes(title_text="standard deviation, deg/s", type="log")
+    bars = [
+        go.Bar(x=axes, y=values, name=name, marker_color=colour)
+        for name, (values, colour) in shown.items()
+    ]
+    plot = chart(bars, "rate about", "standard deviation, deg/s", 420, barmode="group")
+    plot.update_yaxes(type="log")
     return Plot(
         "Noise of the rate after one sample",
         "What the stated noise gives, by variance and by (2.52), and what it takes to give the "
         "table.",
-        layout(plot, 420, barmode="group"),
+        plot,
     )
 
 

@@ -1,9 +1,11 @@
 """A04 table 4.1: tilt by the linear and by the physical model of the accelerometers."""
 
-from __future__ import annotations
+import numpy as np
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from harness.report.page import Plot
+from harness.report.plots import SERIES, grid, line
+from harness.reproduce.experiments import tilt
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SOURCE = "A04 table 4.1"
 PAPER = {
@@ -21,14 +23,6 @@ PAPER = {
 
 def run(context: Context) -> ItemResult:
     """Calibrate a raw unit on the turntable and turn it through the three sweeps."""
-    import numpy as np
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout
-    from harness.reproduce.experiments import tilt
-
     context.progress(0.0, "calibrating")
     models = tilt.identified()
     context.progress(0.8, "testing")
@@ -37,7 +31,7 @@ def run(context: Context) -> ItemResult:
         f"simulated; three sweeps of {tilt.STEP:g} deg steps, {tilt.SHIFT:g} deg off the angles of "
         "the calibration, means of 500 samples"
     )
-    figures = []
+    rows: list[Row] = []
     for name, errors in found.items():
         for angle, values in errors.counted().items():
             degrees = np.degrees(values)
@@ -46,40 +40,31 @@ def run(context: Context) -> ItemResult:
                 ("largest", np.abs(degrees).max()),
             ):
                 paper = PAPER.get((name, angle, what))
-                quantity = f"{what} error of {angle}, {name} model"
-                figures.append(Figure(SOURCE, quantity, "deg", paper, float(value), setting))
-        whole = float(np.degrees(np.sqrt(np.mean(errors.attitude**2))))
+                rows.append((f"{what} error of {angle}, {name} model", "deg", paper, value))
         quantity = f"rms error of the attitude with its heading, {name} model"
-        figures.append(Figure(SOURCE, quantity, "deg", None, whole, setting))
+        rows.append((quantity, "deg", None, np.degrees(np.sqrt(np.mean(errors.attitude**2)))))
 
     titles = ["alpha alone", "beta alone", "both at once"]
-    plot = make_subplots(rows=1, cols=3, shared_yaxes=True, subplot_titles=titles)
     angles = np.arange(-180.0 + tilt.SHIFT, 180.0, tilt.STEP)
-    for column in range(3):
-        for k, name in enumerate(("linear", "physical")):
-            for angle, dash in (("alpha", "solid"), ("beta", "dot")):
-                plot.add_trace(
-                    go.Scatter(
-                        x=angles,
-                        y=np.degrees(getattr(found[name], angle)[column]),
-                        name=f"{angle}, {name}",
-                        legendgroup=f"{angle}, {name}",
-                        showlegend=column == 0,
-                        mode="lines+markers",
-                        line={"color": SERIES[k], "dash": dash},
-                    ),
-                    row=1,
-                    col=column + 1,
-                )
-        plot.update_xaxes(title_text="angle, deg", row=1, col=column + 1)
-    plot.update_yaxes(title_text="error, deg", row=1, col=1)
+    panels = [
+        [
+            line(angles, np.degrees(getattr(found[name], angle)[column]), colour,
+                 f"{angle}, {name}", mode="lines+markers", dash=dash)
+            for name, colour in zip(("linear", "physical"), SERIES, strict=False)
+            for angle, dash in (("alpha", "solid"), ("beta", "dot"))
+        ]
+        for column in range(3)
+    ]  # fmt: skip
+    plot = grid(
+        [panels], "angle, deg", ["error, deg"], 420, shared_yaxes=True, subplot_titles=titles
+    )
     return ItemResult(
-        figures=tuple(figures),
+        figures=tuple(figures_of(SOURCE, setting, rows)),
         plots=(
             Plot(
                 "Errors of tilt",
                 "As figures 4.5 to 4.7. Where beta's axis is near the vertical, beta is not seen.",
-                layout(plot, 420),
+                plot,
             ),
         ),
         notes=(

@@ -1,15 +1,24 @@
 """A04 table 5.1: cascade neural filter, trained on one trial of a hand, tested on the others."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.cascade import Best, Hand, Protocol
+from harness.identify.tremor_nn.cascade import Architecture
+from harness.identify.tremor_nn.page import over_time
+from harness.report.page import Plot
+from harness.report.plots import SERIES, chart, line
+from harness.reproduce.experiments.cascade import (
+    AS_PRINTED,
+    GRID,
+    HIDDEN,
+    ONE_FOR_ALL,
+    PRINTED_TRAINING,
+    BestNetwork,
+    Hand,
+    Protocol,
+    protocol,
+)
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "A04 table 5.1"
 HANDS = "hand_motion_m2s2"
@@ -21,17 +30,6 @@ RAW, FILTERED = (112.0, 46.0, 48.0, 127.0), (55.0, 33.0, 37.0, 56.0)
 
 def run(context: Context) -> ItemResult:
     """Train networks of several sizes on one trial of each hand, and test them."""
-    import numpy as np
-
-    from harness.reproduce.experiments.cascade import (
-        AS_PRINTED,
-        GRID,
-        HIDDEN,
-        ONE_FOR_ALL,
-        PRINTED_TRAINING,
-        protocol,
-    )  # fmt: skip
-
     bench = protocol(context.recordings(HANDS))
     best, fixed, printed, ceiling = {}, [], [], []
     for k, hand in enumerate(bench.hands):
@@ -99,61 +97,44 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _of_hand(hand: Hand, best: Best) -> list[Figure]:
+def _of_hand(hand: Hand, best: BestNetwork) -> list[Figure]:
     size = best.network.architecture
     setting = (
         f"hand {hand.name}, {len(hand.tests)} tests, trained on {hand.trained.name}; "
         f"{size.inputs} inputs, {len(best.network.nodes)} hidden units"
     )
     spread = best.score.filtered.std(ddof=1) if len(hand.tests) > 1 else 0.0
-    return [
-        Figure(SOURCE, quantity, unit, None, float(value), setting)
-        for quantity, unit, value in (
-            ("raw rmse", "um", 1e6 * best.score.raw.mean()),
-            ("rmse of the output", "um", 1e6 * best.score.filtered.mean()),
-            ("standard deviation over the tests", "um", 1e6 * spread),
-            ("reduction of the rmse, best architecture", "%", best.score.reduction),
-        )
-    ]
+    rows = (
+        ("raw rmse", "um", None, 1e6 * best.score.raw.mean()),
+        ("rmse of the output", "um", None, 1e6 * best.score.filtered.mean()),
+        ("standard deviation over the tests", "um", None, 1e6 * spread),
+        ("reduction of the rmse, best architecture", "%", None, best.score.reduction),
+    )
+    return figures_of(SOURCE, setting, rows)
 
 
 def _by_units(bench: Protocol) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.identify.tremor_nn.cascade import Architecture
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-    from harness.reproduce.experiments.cascade import GRID, HIDDEN
-
-    figure = go.Figure()
+    units = range(HIDDEN + 1)
+    curves = []
     for inputs, colour in zip(GRID, SERIES, strict=False):
-        size = Architecture(inputs, HIDDEN)
+        networks = [bench.network(hand, Architecture(inputs, HIDDEN)) for hand in bench.hands]
+        tested = list(zip(networks, bench.hands, strict=True))
         means = [
-            np.mean(
-                [
-                    bench.score(bench.network(hand, size).cut(k), hand.tests).reduction
-                    for hand in bench.hands
-                ]
-            )
-            for k in range(HIDDEN + 1)
+            np.mean([bench.score(each.cut(k), hand.tests).reduction for each, hand in tested])
+            for k in units
         ]
-        curve = line(np.arange(HIDDEN + 1.0), np.array(means), colour, f"{inputs} inputs")
-        curve.mode = "lines+markers"
-        figure.add_trace(curve)
-    figure.update_xaxes(title_text="hidden units", dtick=1)
-    figure.update_yaxes(title_text="reduction of the rmse, %")
+        name = f"{inputs} inputs"
+        curves.append(line(np.array(units), np.array(means), colour, name, mode="lines+markers"))
+    figure = chart(curves, "hidden units", "reduction of the rmse, %", 360)
+    figure.update_xaxes(dtick=1)
     return Plot(
         "Architectures",
         "Reduction on the tests, mean over the hands, by inputs and hidden units.",
-        layout(figure, 360),
+        figure,
     )
 
 
 def _sample(bench: Protocol) -> Plot:
-    from harness.identify.tremor_nn.page import over_time
-    from harness.report.page import Plot
-
     hand = bench.hands[-1]
     network = bench.network(hand)
     return Plot(

@@ -1,15 +1,12 @@
 """A04 table 5.2: networks trained to tell the motion, beside those trained to tell the error."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.cascade import Protocol
+from harness.identify.tremor_nn.page import over_time
+from harness.report.page import Plot
+from harness.reproduce.experiments.cascade import ONE_FOR_ALL, Protocol, protocol
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SOURCE = "A04 table 5.2"
 HANDS = "hand_motion_m2s2"
@@ -20,18 +17,14 @@ NAMES = {"motion": "NN_vm", "error": "NN_err"}
 
 def run(context: Context) -> ItemResult:
     """Train both on one trial of each hand, and test them on its others."""
-    import numpy as np
-
-    from harness.reproduce.experiments.cascade import ONE_FOR_ALL, protocol
-
     bench = protocol(context.recordings(HANDS))
     best, fixed, error = [], [], []
     for k, hand in enumerate(bench.hands):
         context.progress(0.95 * k / len(bench.hands), f"hand {hand.name}")
         best.append(bench.best(hand).score.reduction)
         fixed.append(bench.score(bench.network(hand), hand.tests).reduction)
-        told = bench.network(hand, target="error")
-        error.append(bench.score(told, hand.tests).reduction)
+        network = bench.network(hand, target="error")
+        error.append(bench.score(network, hand.tests).reduction)
     context.progress(0.95, "plots")
     one = f"{ONE_FOR_ALL.inputs} inputs, {ONE_FOR_ALL.hidden} hidden units"
     columns = (
@@ -39,29 +32,14 @@ def run(context: Context) -> ItemResult:
         ("motion", fixed, one),
         ("error", error, one),
     )
-    figures = [
-        Figure(
-            SOURCE,
-            f"reduction of the rmse, {NAMES[target]}",
-            "%",
-            AVERAGES[target],
-            float(np.mean(values)),
-            f"mean over {len(bench.hands)} hands; {setting}",
-        )
-        for target, values, setting in columns
-    ]
-    figures += [
-        Figure(
-            SOURCE,
-            f"reduction of the rmse, {NAMES[target]}",
-            "%",
-            None,
-            value,
-            f"hand {hand.name}; {setting}",
-        )
-        for target, values, setting in columns
-        for hand, value in zip(bench.hands, values, strict=True)
-    ]
+    figures: list[Figure] = []
+    for target, values, setting in columns:
+        quantity = f"reduction of the rmse, {NAMES[target]}"
+        row: Row = (quantity, "%", AVERAGES[target], np.mean(values))
+        figures += figures_of(SOURCE, f"mean over {len(bench.hands)} hands; {setting}", [row])
+        for hand, value in zip(bench.hands, values, strict=True):
+            row = (quantity, "%", None, value)
+            figures += figures_of(SOURCE, f"hand {hand.name}; {setting}", [row])
     return ItemResult(
         figures=tuple(figures),
         plots=(_sample(bench),),
@@ -78,9 +56,6 @@ def run(context: Context) -> ItemResult:
 
 
 def _sample(bench: Protocol) -> Plot:
-    from harness.identify.tremor_nn.page import over_time
-    from harness.report.page import Plot
-
     hand = bench.hands[-1]
     return Plot(
         "Figure 5.7b: trained to tell the error",

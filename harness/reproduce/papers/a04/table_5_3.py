@@ -1,17 +1,13 @@
 """A04 table 5.3: networks of one hand on the trials of others."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
+import plotly.graph_objects as go
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.cascade import Protocol
+from harness.report.page import Plot
+from harness.report.plots import chart
+from harness.reproduce.experiments.cascade import Protocol, protocol
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "A04 table 5.3"
 HANDS = "hand_motion_m2s2"
@@ -23,10 +19,6 @@ MEAN = (26.2 + 38.1 + 45.1 - 85.5 + 28.6 - 243.1 + 0.0 + 15.4 - 0.9 + 32.7 - 30.
 
 def run(context: Context) -> ItemResult:
     """Test every hand's network on the tests of each other hand."""
-    import numpy as np
-
-    from harness.reproduce.experiments.cascade import protocol
-
     bench = protocol(context.recordings(HANDS))
     count = len(bench.hands)
     reductions = np.empty((count, count))
@@ -50,19 +42,12 @@ def run(context: Context) -> ItemResult:
         Figure(SOURCE, "reduction of the rmse, network of the same hand", "%", None,
                float(np.diag(reductions).mean()), f"the same trials of {count} hands"),
     ]  # fmt: skip
-    figures += [
-        Figure(
-            SOURCE,
-            f"reduction of the rmse, trained on {hand.name}",
-            "%",
-            None,
-            float(reductions[row, column]),
-            f"tested on {other.name}"
-            + ("" if row == column else f"; its own network: {own[row, column]:.1f}"),
-        )
-        for row, hand in enumerate(bench.hands)
-        for column, other in enumerate(bench.hands)
-    ]
+    for row, hand in enumerate(bench.hands):
+        quantity = f"reduction of the rmse, trained on {hand.name}"
+        for column, other in enumerate(bench.hands):
+            note = "" if row == column else f"; its own network: {own[row, column]:.1f}"
+            number = (quantity, "%", None, reductions[row, column])
+            figures += figures_of(SOURCE, f"tested on {other.name}{note}", [number])
     return ItemResult(
         figures=tuple(figures),
         plots=(_matrix(bench, reductions),),
@@ -76,32 +61,24 @@ def run(context: Context) -> ItemResult:
 
 
 def _matrix(bench: Protocol, reductions: np.ndarray) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import layout
-
     names = [hand.name for hand in bench.hands]
-    figure = go.Figure(
-        go.Heatmap(
-            x=names,
-            y=names,
-            z=reductions,
-            text=np.round(reductions, 1),
-            texttemplate="%{text}",
-            colorscale="RdBu",
-            zmid=0.0,
-            colorbar={"title": "%"},
-        )
+    cells = go.Heatmap(
+        x=names,
+        y=names,
+        z=reductions,
+        text=np.round(reductions, 1),
+        texttemplate="%{text}",
+        colorscale="RdBu",
+        zmid=0.0,
+        colorbar={"title": "%"},
     )
-    figure.update_xaxes(title_text="tested on hand")
-    figure.update_yaxes(title_text="trained on hand", autorange="reversed")
+    figure = chart([cells], "tested on hand", "trained on hand", 420)
+    figure.update_yaxes(autorange="reversed")
     return Plot(
         "Across hands",
         "Reduction of the rmse in per cent; on the diagonal, a network on the other trials of its "
         "own hand.",
-        layout(figure, 420),
+        figure,
     )
 
 

@@ -1,9 +1,10 @@
 """A04 table 6.1: how far and how fast the manipulator moves its tip."""
 
-from __future__ import annotations
+import numpy as np
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from fmu_src.device import design
+from harness.reproduce.experiments.workspace import fastest, workspace
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 RESPONSE = 50e-6
 """Time in which a P-885.50 makes its full stroke [s] (A04 6.2)."""
@@ -17,12 +18,7 @@ SOURCE = "A04 table 6.1"
 
 
 def run(context: Context) -> ItemResult:
-    """Ranges of the tip by the forward kinematics, speeds by its Jacobian."""
-    import numpy as np
-
-    from fmu_src.device import design
-    from harness.reproduce.experiments.workspace import fastest, workspace
-
+    """Compute ranges of the tip by the forward kinematics, speeds by its Jacobian."""
     context.progress(0.1, "workspace")
     reach = workspace()
     dimensions = (
@@ -30,41 +26,30 @@ def run(context: Context) -> ItemResult:
         f"lever {design.LEVER_GAIN:g}, strokes 0 to {design.STACK_STROKE * 1e6:g} um"
     )
     axes = dict(zip("xyz", np.eye(3), strict=True))
-    figures = [
-        Figure(
-            SOURCE,
-            f"tip displacement along {axis}, end to end (paper: more than)",
-            "um",
-            DISPLACEMENT[axis],
-            reach.extent(direction) * 1e6,
-            dimensions,
-        )
+    extents: list[Row] = [
+        (f"tip displacement along {axis}, end to end (paper: more than)", "um",
+         DISPLACEMENT[axis], reach.extent(direction) * 1e6)
         for axis, direction in axes.items()
-    ]
+    ]  # fmt: skip
     context.progress(0.8, "speeds")
+    rate = design.STACK_STROKE / RESPONSE
     # 1 um/us is 1 m/s.
-    figures += [
-        Figure(
-            SOURCE,
-            f"tip velocity along {axis} (paper: more than)",
-            "um/us",
-            VELOCITY[axis],
-            fastest(direction, design.STACK_STROKE / RESPONSE),
-            f"at half stroke, each stack at {design.STACK_STROKE * 1e6:g} um in "
-            f"{RESPONSE * 1e6:g} us, either way",
-        )
+    speeds: list[Row] = [
+        (f"tip velocity along {axis} (paper: more than)", "um/us", VELOCITY[axis],
+         fastest(direction, rate))
         for axis, direction in axes.items()
-    ]
-    figures.append(
-        Figure(
-            "A04 6.1.1",
-            "diameter of the largest sphere about rest (paper: at least)",
-            "um",
-            REQUIRED_SPHERE,
-            2 * reach.sphere * 1e6,
-            dimensions,
-        )
+    ]  # fmt: skip
+    driven = (
+        f"at half stroke, each stack at {design.STACK_STROKE * 1e6:g} um in "
+        f"{RESPONSE * 1e6:g} us, either way"
     )
+    quantity = "diameter of the largest sphere about rest (paper: at least)"
+    sphere = (quantity, "um", REQUIRED_SPHERE, 2 * reach.sphere * 1e6)
+    figures = [
+        *figures_of(SOURCE, dimensions, extents),
+        *figures_of(SOURCE, driven, speeds),
+        *figures_of("A04 6.1.1", dimensions, [sphere]),
+    ]
     return ItemResult(
         figures=tuple(figures),
         notes=(

@@ -1,17 +1,20 @@
 """A04 table 7.1 and figures 7.12, 7.13: tracking of stationary sines."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
+import plotly.graph_objects as go
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.tables import Column
+from harness.report.page import Plot
+from harness.report.plots import SERIES, grid, line
+from harness.reproduce.experiments.tracking import FREQUENCIES, tone
+from harness.reproduce.experiments.tracking_results import (
+    WITHOUT,
+    Found,
+    mean_figures,
+    plot_tracks,
+    track_all,
+)
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "A04 table 7.1"
 RMS = {
@@ -26,33 +29,32 @@ MEANS = {
     "rate-dependent": (0.18, 0.52),
 }
 """Rms and largest error, mean over the frequencies [um]."""
+NEAREST = "; paper: rate-dependent"
+"""Setting of controllers that the paper does not have."""
 SHOWN = 10.0
 """Frequency of figure 7.13 [Hz]."""
 
 
 def run(context: Context) -> ItemResult:
     """Track sines of 12.5 um p-p from 1 to 19 Hz with each controller."""
-    from harness.reproduce.experiments.tables import columns, figures
-    from harness.reproduce.experiments.tracking import FREQUENCIES, tone
-
     shapes = {f"{frequency:g} Hz": tone(frequency) for frequency in FREQUENCIES}
-    found = columns(shapes, context.progress, 1)
-    context.progress(0.98, "plots")
-    each = [
-        Figure(
-            SOURCE,
-            f"rms error, {name}",
-            "um",
-            RMS[name][k] if name in RMS else RMS["rate-dependent"][k],
-            float(column.rms[k]),
-            f"{label} sine{'' if name in RMS else '; paper: rate-dependent'}",
-        )
-        for name, column in found.items()
-        for k, label in enumerate(shapes)
-    ]
+    found = track_all(context, shapes, 1)
+    each: list[Figure] = []
+    for name, errors in found.items():
+        papers, beside = (RMS[name], "") if name in RMS else (RMS["rate-dependent"], NEAREST)
+        for label, paper, rms in zip(shapes, papers, errors.rms, strict=True):
+            row = (f"rms error, {name}", "um", paper, rms)
+            each += figures_of(SOURCE, f"{label} sine{beside}", [row])
+    over_time = plot_tracks(
+        f"Figure 7.13: a sine of {SHOWN:g} Hz",
+        "0.3 s of each controller.",
+        found,
+        FREQUENCIES.index(SHOWN),
+        0.3,
+    )
     return ItemResult(
-        figures=(*figures(SOURCE, "mean over sines of 1 to 19 Hz", found, MEANS), *each),
-        plots=(_over_frequency(found), _over_time(found)),
+        figures=(*mean_figures(SOURCE, "mean over sines of 1 to 19 Hz", found, MEANS), *each),
+        plots=(_over_frequency(found), over_time),
         notes=(
             "Sines of 12.5 um p-p, 5 s each, on the plant. Every operator is identified from "
             "recordings of it with sensor noise: the rate-independent one from a sine of 10 Hz, "
@@ -63,49 +65,23 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _over_frequency(found: Mapping[str, Column]) -> Plot:
-    import numpy as np
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line
-    from harness.reproduce.experiments.tables import WITHOUT
-    from harness.reproduce.experiments.tracking import FREQUENCIES
-
+def _over_frequency(found: Found) -> Plot:
     frequencies = np.array(FREQUENCIES)
-    plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.1)
-    for index, (name, column) in enumerate(found.items()):
+    rms: list[go.Scatter] = []
+    largest: list[go.Scatter] = []
+    for (name, errors), colour in zip(found.items(), SERIES, strict=False):
         if name == WITHOUT:
             continue
-        for place, values in enumerate((column.rms, column.largest), start=1):
-            curve = line(frequencies, values, SERIES[index], name, place == 1)
-            curve.mode = "lines+markers"
-            plot.add_trace(curve, row=1, col=place)
+        for curves, values in ((rms, errors.rms), (largest, errors.largest)):
+            curves.append(line(frequencies, values, colour, name, mode="lines+markers"))
         if name in RMS:
-            paper = line(
-                frequencies, np.array(RMS[name]), SERIES[index], f"{name}, A04", dash="dot"
-            )
-            plot.add_trace(paper, row=1, col=1)
-    plot.update_xaxes(title_text="frequency, Hz")
-    plot.update_yaxes(title_text="rms error, µm", rangemode="tozero", row=1, col=1)
-    plot.update_yaxes(title_text="largest error, µm", rangemode="tozero", row=1, col=2)
+            rms.append(line(frequencies, np.array(RMS[name]), colour, f"{name}, A04", dash="dot"))
+    plot = grid([[rms, largest]], "frequency, Hz", ["rms error, µm", "largest error, µm"], 420)
+    plot.update_yaxes(rangemode="tozero")
     return Plot(
         "Figure 7.12: errors over the frequency",
         "Rms (left, that of the thesis dotted) and largest error of each controller.",
-        layout(plot, 420),
-    )
-
-
-def _over_time(found: Mapping[str, Column]) -> Plot:
-    from harness.reproduce.experiments.plots import tracks
-    from harness.reproduce.experiments.tracking import FREQUENCIES
-
-    place = FREQUENCIES.index(SHOWN)
-    return tracks(
-        "Figure 7.13: a sine of 10 Hz",
-        "Demand and what is measured (left), and the difference (right), 0.3 s of each controller.",
-        {name: column.tracks[place] for name, column in found.items()},
-        0.3,
+        plot,
     )
 
 

@@ -1,7 +1,8 @@
 """A04 table 7.3 and figure 7.15: tracking of recorded tremor."""
 
-from __future__ import annotations
-
+from harness.recordings.motion import recordings
+from harness.reproduce.experiments.tracking import tremor
+from harness.reproduce.experiments.tracking_results import changing_demands
 from harness.reproduce.item import Context, Item, ItemResult
 
 SOURCE = "A04 table 7.3"
@@ -16,31 +17,19 @@ PAPER = {
 
 def run(context: Context) -> ItemResult:
     """Track the tremor of recorded hands, scaled to 12.5 um p-p, with each controller."""
-    from harness.recordings.motion import recordings
-    from harness.reproduce.experiments.plots import tracks
-    from harness.reproduce.experiments.tables import columns, figures
-    from harness.reproduce.experiments.tracking import tremor
-
     shapes = {path.stem: tremor(path) for path in recordings([context.recordings(HANDS)])}
-    found = columns(shapes, context.progress, 60)
-    context.progress(0.98, "plots")
-    demand = f"mean over {len(shapes)} recorded hands, 6 to 16 Hz, scaled to 12.5 um p-p"
-    return ItemResult(
-        figures=tuple(figures(SOURCE, demand, found, PAPER)),
-        plots=(
-            tracks(
-                f"Figure 7.15: tremor of {next(iter(shapes))}",
-                "Demand and what is measured (left), and the difference (right), of each "
-                "controller; the first recording.",
-                {name: column.tracks[0] for name, column in found.items()},
-                2.0,
-            ),
-        ),
-        notes=(
-            "Tremor of surgeons and novices holding and tracing, along one axis; the thesis used "
-            "recordings of ophthalmic surgeons that are not public. Operators and sensor noise as "
-            "in table 7.1.",
-        ),
+    return changing_demands(
+        context,
+        SOURCE,
+        demand=f"mean over {len(shapes)} recorded hands, 6 to 16 Hz, scaled to 12.5 um p-p",
+        shapes=shapes,
+        first_seed=60,
+        paper=PAPER,
+        title=f"Figure 7.15: tremor of {next(iter(shapes))}",
+        which="recording",
+        note="Tremor of surgeons and novices holding and tracing, along one axis; the thesis used "
+        "recordings of ophthalmic surgeons that are not public. Operators and sensor noise as "
+        "in table 7.1.",
     )
 
 

@@ -1,22 +1,41 @@
 """A04 figure 5.5, and tremor filters ranked: how much of a hand's tremor each of them finds."""
 
-from __future__ import annotations
+from collections.abc import Iterable, Iterator, Mapping
+from dataclasses import astuple
 
-from typing import TYPE_CHECKING
+import numpy as np
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
+from harness.recordings.motion import recordings
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, grid, line
+from harness.reproduce.experiments.ceilings import (
+    EAGER,
+    OTHERS,
+    SAME_DATA,
+    SAME_RECORDING,
+    eager,
+    others,
+    same_data,
+    same_recording,
+)
+from harness.reproduce.experiments.ranking import LOWEST, ranking
+from harness.reproduce.experiments.tremor import (
+    DELAYS,
+    RATE,
+    FilterScores,
+    TipMotion,
+    disturbance,
+    filters,
+    generated,
+    intents,
+    recorded,
+    score,
+)
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    import numpy as np
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.tremor import Column, Filter, Motion
-
-    Columns = Mapping[str, Mapping[float, Column]]  # by filter and delay
-
+ScoresByDelay = Mapping[str, Mapping[float, FilterScores]]
+"""Scores by filter and delay [s]."""
 SOURCE = "A04 figure 5.5"
 HANDS = "hand_motion_m2s2"
 PAPER = {"WflcFlc": 69.0}
@@ -28,18 +47,6 @@ DEFINITIONS = ("a-posteriori", "in-band")
 
 def run(context: Context) -> ItemResult:
     """Run every filter on recorded and generated hands and on intent, and compute the ceilings."""
-    from harness.recordings.motion import recordings
-    from harness.reproduce.experiments.tremor import (
-        DELAYS,
-        Column,
-        disturbance,
-        filters,
-        generated,
-        intents,
-        recorded,
-        score,
-    )  # fmt: skip
-
     context.progress(0.0, "motions")
     hands = [recorded(path) for path in recordings([context.recordings(HANDS)])]
     artificial = generated()
@@ -47,13 +54,13 @@ def run(context: Context) -> ItemResult:
     known = filters()
 
     todo = sum(len(each.delays) * (len(hands) + 1) + len(without) for each in known.values())
-    ranks: dict[str, dict[float, Column]] = {name: {} for name in known}
-    tones: dict[str, dict[float, Column]] = {name: {} for name in known}
+    ranks: dict[str, dict[float, FilterScores]] = {name: {} for name in known}
+    tones: dict[str, dict[float, FilterScores]] = {name: {} for name in known}
     disturbances: dict[str, dict[str, float]] = {}
     shown: dict[str, np.ndarray] = {}
     done = 0
 
-    def tremor(name: str, motion: Motion, delay: float = 0.0) -> np.ndarray:
+    def tremor(name: str, motion: TipMotion, delay: float = 0.0) -> np.ndarray:
         nonlocal done
         context.progress(0.75 * done / todo, f"{name}, {motion.name}, {1e3 * delay:g} ms")
         done += 1
@@ -67,19 +74,19 @@ def run(context: Context) -> ItemResult:
                 scores.append(score(motion, found))
                 if delay == 0.0 and motion is hands[0]:
                     shown[name] = found
-            ranks[name][delay] = Column(scores)
-            tones[name][delay] = Column([score(artificial, tremor(name, artificial, delay))])
+            ranks[name][delay] = FilterScores(scores)
+            tones[name][delay] = FilterScores([score(artificial, tremor(name, artificial, delay))])
         disturbances[name] = {
             motion.name: disturbance(motion, tremor(name, motion)) for motion in without
         }
-    ceilings = _ceilings(hands, DELAYS, lambda share, what: context.progress(share, what))
+    ceilings = _ceilings(hands, context)
     context.progress(0.98, "plots")
     best = max(ranks, key=lambda name: ranks[name][0.0].mean.a_posteriori)
     return ItemResult(
         figures=(
-            *_figures(known, ranks, len(hands)),
-            *_ceiling_figures(ceilings),
-            *_tone_figures(tones),
+            *_figures(ranks, f"{len(hands)} recorded hands", ("mean", "worst")),
+            *_figures(ceilings, "recorded hands"),
+            *_figures(tones, "generator", ("",)),
             *_intent_figures(disturbances),
         ),
         plots=(_bars(ranks, ceilings), _over_time(hands[0], best, shown[best])),
@@ -113,118 +120,60 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _ceilings(
-    hands: list[Motion], delays: tuple[float, ...], progress: Callable[[float, str], None]
-) -> dict[str, dict[float, Column]]:
-    from harness.reproduce.experiments.ceilings import (
-        EAGER,
-        OTHERS,
-        SAME_DATA,
-        SAME_RECORDING,
-        eager,
-        others,
-        same_data,
-        same_recording,
-    )  # fmt: skip
-
+def _ceilings(hands: list[TipMotion], context: Context) -> dict[str, dict[float, FilterScores]]:
     ways = {SAME_DATA: same_data, SAME_RECORDING: same_recording, OTHERS: others}
     if len(hands) < 2:
         del ways[OTHERS]
-    found: dict[str, dict[float, Column]] = {}
+    found: dict[str, dict[float, FilterScores]] = {}
     for index, (name, way) in enumerate(ways.items()):
         found[name] = {}
-        for k, delay in enumerate(delays):
-            share = 0.75 + 0.15 * (index + k / len(delays)) / len(ways)
-            progress(share, f"{name}, {1e3 * delay:g} ms")
+        for k, delay in enumerate(DELAYS):
+            share = 0.75 + 0.15 * (index + k / len(DELAYS)) / len(ways)
+            context.progress(share, f"{name}, {1e3 * delay:g} ms")
             found[name][delay] = way(hands, delay)
-    progress(0.9, EAGER)
+    context.progress(0.9, EAGER)
     found[EAGER] = {0.0: eager(hands)}
     return found
 
 
-def _delayed(delay: float) -> str:
-    return f"{1e3 * delay:g} ms of delay" if delay else "no delay"
+def _figures(
+    found: ScoresByDelay, setting: str, statistics: Iterable[str] = ("mean",)
+) -> list[Figure]:
+    """Return reductions by both definitions, at each delay; no statistic is named for one motion.
+
+    Args:
+        found: scores by filter or ceiling.
+        setting: motions that they are of.
+        statistics: `mean` and `worst` over the motions; empty text for a single motion.
+    """
+    figures: list[Figure] = []
+    for name, by_delay in found.items():
+        for delay, column in by_delay.items():
+            delayed = f"{1e3 * delay:g} ms of delay" if delay else "no delay"
+            rows: list[Row] = []
+            for statistic in statistics:
+                score = getattr(column, statistic or "mean")
+                beside = f", {statistic}" if statistic else ""
+                for definition, value in zip(DEFINITIONS, astuple(score), strict=True):
+                    quoted = (definition, statistic, delay) == (DEFINITIONS[0], "mean", 0.0)
+                    paper = PAPER.get(name) if quoted else None
+                    rows.append((f"reduction {definition}{beside}: {name}", "%", paper, value))
+            figures += figures_of(SOURCE, f"{setting}, {delayed}", rows)
+    return figures
 
 
-def _figures(known: Mapping[str, Filter], ranks: Columns, count: int) -> list[Figure]:
-    return [
-        Figure(
-            SOURCE,
-            f"reduction {definition}, {which}: {name}",
-            "%",
-            PAPER.get(name)
-            if (definition, which, delay) == ("a-posteriori", "mean", 0.0)
-            else None,
-            value,
-            f"{count} recorded hands, {_delayed(delay)}",
-        )
-        for name in known
-        for delay, column in ranks[name].items()
-        for which, score in (("mean", column.mean), ("worst", column.worst))
-        for definition, value in zip(DEFINITIONS, (score.a_posteriori, score.in_band), strict=True)
-    ]
+def _intent_figures(disturbances: Mapping[str, Mapping[str, float]]) -> Iterator[Figure]:
+    for name, each in disturbances.items():
+        row = f"disturbance of intent: {name}"
+        for motion, value in each.items():
+            yield from figures_of(SOURCE, motion, [(row, "%", None, value)])
 
 
-def _ceiling_figures(ceilings: Columns) -> list[Figure]:
-    return [
-        Figure(
-            SOURCE,
-            f"reduction {definition}, mean: {name}",
-            "%",
-            None,
-            value,
-            f"recorded hands, {_delayed(delay)}",
-        )
-        for name, columns in ceilings.items()
-        for delay, column in columns.items()
-        for definition, value in zip(
-            DEFINITIONS, (column.mean.a_posteriori, column.mean.in_band), strict=True
-        )
-    ]
-
-
-def _tone_figures(tones: Columns) -> list[Figure]:
-    return [
-        Figure(
-            SOURCE,
-            f"reduction {definition}: {name}",
-            "%",
-            None,
-            value,
-            f"generator, {_delayed(delay)}",
-        )
-        for name, columns in tones.items()
-        for delay, column in columns.items()
-        for definition, value in zip(
-            DEFINITIONS, (column.mean.a_posteriori, column.mean.in_band), strict=True
-        )
-    ]
-
-
-def _intent_figures(disturbances: Mapping[str, Mapping[str, float]]) -> list[Figure]:
-    return [
-        Figure(
-            SOURCE,
-            f"disturbance of intent: {name}",
-            "%",
-            None,
-            value,
-            motion,
-        )
-        for name, each in disturbances.items()
-        for motion, value in each.items()
-    ]
-
-
-def _bars(ranks: Columns, ceilings: Columns) -> Plot:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.ceilings import EAGER
-    from harness.reproduce.experiments.ranking import LOWEST, ranking
-
+def _bars(ranks: ScoresByDelay, ceilings: ScoresByDelay) -> Plot:
     ranked = dict(sorted(ranks.items(), key=lambda entry: entry[1][0.0].mean.a_posteriori))
     marks = {name: columns for name, columns in ceilings.items() if name != EAGER}
     rows = {
-        name: [(s.a_posteriori, s.in_band) for s in (columns[0.0].mean, columns[0.0].worst)]
+        name: [astuple(columns[0.0].mean), astuple(columns[0.0].worst)]
         for name, columns in {**ranked, **dict(reversed(list(marks.items())))}.items()
     }
     return Plot(
@@ -235,31 +184,23 @@ def _bars(ranks: Columns, ceilings: Columns) -> Plot:
     )
 
 
-def _over_time(motion: Motion, name: str, found: np.ndarray) -> Plot:
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line
-    from harness.reproduce.experiments.tremor import RATE
-
-    plot = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+def _over_time(motion: TipMotion, name: str, found: np.ndarray) -> Plot:
     shown = slice(*(round(RATE * end) for end in SHOWN))
     time = motion.time[shown]
-    for axis in range(3):
-        wanted, given = 1e6 * motion.target[shown, axis], 1e6 * found[shown, axis]
-        for curve in (
-            line(time, wanted, GREY, "target", axis == 0, dash="dot"),
-            line(time, given, SERIES[0], name, axis == 0),
-            line(time, wanted - given, SERIES[1], "what is left", axis == 0),
-        ):
-            plot.add_trace(curve, row=axis + 1, col=1)
-        plot.update_yaxes(title_text=f"{'xyz'[axis]}, µm", row=axis + 1, col=1)
-    plot.update_xaxes(title_text="time, s", row=3, col=1)
+    panels = []
+    for wanted, given in zip(1e6 * motion.target[shown].T, 1e6 * found[shown].T, strict=True):
+        curves = (
+            line(time, wanted, GREY, "target", dash="dot"),
+            line(time, given, SERIES[0], name),
+            line(time, wanted - given, SERIES[1], "what is left"),
+        )
+        panels.append([curves])
+    plot = grid(panels, "time, s", ["x, µm", "y, µm", "z, µm"], 560)
     return Plot(
         f"{name} on {motion.name}",
         "The target of the a-posteriori definition, which knows the future, the output of the "
         "best filter, which does not, and the difference; no delay.",
-        layout(plot, 560),
+        plot,
     )
 
 

@@ -1,19 +1,18 @@
 """Tremor filters in the full loop: what each chain leaves of a hand's tremor at the tip."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import tempfile
+from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 from harness.common.figures import Figure
+from harness.recordings.motion import recordings
+from harness.report.page import Plot
+from harness.reproduce.experiments.ranking import LOWEST, ranking
 from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from harness.report.page import Plot
-    from harness.results.metrics import Metric
-    from harness.results.variants import VariantSummary
+from harness.results.metrics import Metric
+from harness.results.variants import RANKED, VariantSummary, summarise_variants
+from harness.running import run as run_scenario
+from harness.scenario.load import load
 
 SOURCE = "A04 figure 5.5"
 HANDS = "hand_motion_m2s2"
@@ -30,24 +29,18 @@ GENERATED = "generator"
 
 def run(context: Context) -> ItemResult:
     """Run every variant of the benches on the recorded hands and on the generator."""
-    from harness.recordings.motion import recordings
-    from harness.results.variants import summarise_variants
-
     paths = recordings([context.recordings(HANDS)])
     figures: list[Figure] = []
     plots: list[Plot] = []
     for index, (scenario, setting) in enumerate(BENCHES.items()):
-
-        def progress(share: float, what: str, index: int = index) -> None:
-            context.progress((index + share) / len(BENCHES), what)
-
-        hands, artificial = _runs(scenario, paths, progress)
+        hands, artificial = _runs(scenario, paths, context.part(index, len(BENCHES)))
         ranked = summarise_variants(hands)
         for which, found in (
             ("recorded hands", ranked),
             (GENERATED, summarise_variants(artificial)),
         ):
-            figures += _figures(found, f"{which}, {setting}")
+            for rank in found:
+                figures += rank.figures(SOURCE, f"{which}, {setting}")
         plots.append(_bars(ranked, setting))
     return ItemResult(
         figures=tuple(figures),
@@ -69,15 +62,9 @@ def run(context: Context) -> ItemResult:
 
 
 def _runs(
-    scenario: str, paths: Sequence[Path], progress: Callable[[float, str], None]
+    scenario: str, paths: Sequence[Path], context: Context
 ) -> tuple[dict[str, list[Mapping[str, Metric]]], ...]:
-    """Metrics of every variant on each recording, and on the generator."""
-    import tempfile
-    from pathlib import Path
-
-    from harness.running import run as run_scenario
-    from harness.scenario.load import load
-
+    """Return metrics of every variant on each recording, and on the generator."""
     variants = load(scenario).variants
     hands: dict[str, list[Mapping[str, Metric]]] = {name: [] for name in variants}
     artificial: dict[str, list[Mapping[str, Metric]]] = {name: [] for name in variants}
@@ -86,7 +73,7 @@ def _runs(
         for k, variant in enumerate(variants):
             for i, path in enumerate(motions):
                 share = (k + i / len(motions)) / len(variants)
-                progress(share, f"{variant}, {path.stem if path else GENERATED}")
+                context.progress(share, f"{variant}, {path.stem if path else GENERATED}")
                 result = run_scenario(
                     scenario, motion=path, variant=variant, out=Path(folder), report=False
                 )
@@ -94,15 +81,7 @@ def _runs(
     return hands, artificial
 
 
-def _figures(found: Sequence[VariantSummary], setting: str) -> list[Figure]:
-    return [figure for rank in found for figure in rank.figures(SOURCE, setting)]
-
-
 def _bars(found: Sequence[VariantSummary], setting: str) -> Plot:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.ranking import LOWEST, ranking
-    from harness.results.variants import RANKED
-
     rows: Mapping[str, list[list[float]]] = {
         rank.variant: [[of[name] for name in RANKED] for of in (rank.mean, rank.worst)]
         for rank in reversed(found)

@@ -1,17 +1,16 @@
 """Estimators of attitude alone on the BROAD trials, beside VQF."""
 
-from __future__ import annotations
+from collections.abc import Mapping
 
-from typing import TYPE_CHECKING
+import numpy as np
+import plotly.graph_objects as go
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.orientation import Errors
+from harness.report.page import Plot
+from harness.report.plots import SERIES, grid, line, thinned
+from harness.reproduce.experiments.broad import TRIALS, read_trial
+from harness.reproduce.experiments.orientation import KINDS, AttitudeErrors, errors, estimators
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "BROAD"
 FOLDER = "broad"
@@ -19,14 +18,9 @@ FOLDER = "broad"
 
 def run(context: Context) -> ItemResult:
     """Run every estimator on every trial, and score it as the benchmark does."""
-    import numpy as np
-
-    from harness.reproduce.experiments.broad import TRIALS, read_trial
-    from harness.reproduce.experiments.orientation import KINDS, errors, estimators
-
     known = estimators()
     folder = context.recordings(FOLDER)
-    found: dict[str, dict[str, Errors]] = {each.name: {} for each in known}
+    found: dict[str, dict[str, AttitudeErrors]] = {each.name: {} for each in known}
     for number, name in enumerate(TRIALS):
         trial = read_trial(folder / f"{name}.mat")
         for place, each in enumerate(known):
@@ -35,16 +29,15 @@ def run(context: Context) -> ItemResult:
             )
             found[each.name][name] = errors(trial, each.attitude(trial))
     context.progress(0.98, "plots")
-    figures = []
+    figures: list[Figure] = []
     for each in known:
         for kind in KINDS:
             rms = [np.degrees(found[each.name][name].rms(kind)) for name in TRIALS]
-            for setting, value in (
-                *((_short(name), rms) for name, rms in zip(TRIALS, rms, strict=True)),
-                (f"mean of {len(TRIALS)} trials", float(np.mean(rms))),
-            ):
-                quantity = f"{kind} error, rms: {each.name}"
-                figures.append(Figure(SOURCE, quantity, "deg", None, float(value), setting))
+            values = [*map(float, rms), float(np.mean(rms))]
+            settings = [*map(_short, TRIALS), f"mean of {len(TRIALS)} trials"]
+            for setting, value in zip(settings, values, strict=True):
+                row = (f"{kind} error, rms: {each.name}", "deg", None, value)
+                figures += figures_of(SOURCE, setting, [row])
     return ItemResult(
         figures=tuple(figures),
         plots=(_bars(found), _over_time(found)),
@@ -64,67 +57,59 @@ def run(context: Context) -> ItemResult:
 
 
 def _short(name: str) -> str:
-    """`06_undisturbed_fast_rotation_A` as `trial 06, fast rotation`."""
+    """Return `trial 06, fast rotation` for `06_undisturbed_fast_rotation_A`."""
     number, _, *words = name.split("_")
     return f"trial {number}, {' '.join(word for word in words if len(word) > 1)}"
 
 
-def _bars(found: Mapping[str, Mapping[str, Errors]]) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout
-    from harness.reproduce.experiments.orientation import KINDS
-
-    plot = make_subplots(rows=len(KINDS), cols=1, shared_xaxes=True, vertical_spacing=0.05)
-    for row, kind in enumerate(KINDS, start=1):
-        for place, (name, trials) in enumerate(found.items()):
-            plot.add_trace(
+def _bars(found: Mapping[str, Mapping[str, AttitudeErrors]]) -> Plot:
+    panels = [
+        [
+            [
                 go.Bar(
                     x=[_short(trial) for trial in trials],
-                    y=[np.degrees(errors.rms(kind)) for errors in trials.values()],
+                    y=[np.degrees(each.rms(kind)) for each in trials.values()],
                     name=name,
                     legendgroup=name,
-                    showlegend=row == 1,
                     marker_color=SERIES[place % len(SERIES)],
-                ),
-                row=row,
-                col=1,
-            )
-        plot.update_yaxes(title_text=f"{kind}, deg", row=row, col=1)
+                )
+                for place, (name, trials) in enumerate(found.items())
+            ]
+        ]
+        for kind in KINDS
+    ]
+    plot = grid(panels, "", [f"{kind}, deg" for kind in KINDS], 640)
+    plot.update_layout(barmode="group")
     return Plot(
         "Errors of attitude",
         "Rms over the movement of each trial.",
-        layout(plot, 640, barmode="group"),
+        plot,
     )
 
 
-def _over_time(found: Mapping[str, Mapping[str, Errors]]) -> Plot:
-    import numpy as np
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line, thinned
-
+def _over_time(found: Mapping[str, Mapping[str, AttitudeErrors]]) -> Plot:
     trials = list(next(iter(found.values())))
-    plot = make_subplots(
-        rows=len(trials), cols=1, vertical_spacing=0.05, row_titles=[t[:2] for t in trials]
-    )
-    for row, trial in enumerate(trials, start=1):
+    panels = []
+    for trial in trials:
+        curves = []
         for place, (name, of_trial) in enumerate(found.items()):
-            errors = of_trial[trial]
-            curve = thinned(errors.time, np.degrees(errors.total))
-            plot.add_trace(
-                line(*curve, SERIES[place % len(SERIES)], name, row == 1), row=row, col=1
-            )
-        plot.update_yaxes(title_text="total, deg", rangemode="tozero", row=row, col=1)
-    plot.update_xaxes(title_text="time, s", row=len(trials), col=1)
+            each = of_trial[trial]
+            curve = thinned(each.time, np.degrees(each.total))
+            curves.append(line(*curve, SERIES[place % len(SERIES)], name))
+        panels.append([curves])
+    plot = grid(
+        panels,
+        "time, s",
+        ["total, deg"] * len(trials),
+        160 * len(trials),
+        shared_xaxes=False,
+        row_titles=[trial[:2] for trial in trials],
+    )
+    plot.update_yaxes(rangemode="tozero")
     return Plot(
         "Errors over time",
         "Total error of each trial's movement, numbers of the trials on the right.",
-        layout(plot, 160 * len(trials)),
+        plot,
     )
 
 

@@ -1,15 +1,13 @@
 """C23 figure 11: an occlusion of half a second, held and bridged."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.trackers import OpticalRun
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, grid, line, shade
+from harness.reproduce.experiments import trackers as bench
+from harness.reproduce.experiments.trackers import OpticalRun
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SOURCE = "C23 figure 11"
 BEGIN, LENGTHS = 12.0, (0.5, 1.0, 2.0)
@@ -20,10 +18,6 @@ SHOWN = 1.5
 
 def run(context: Context) -> ItemResult:
     """Turn the wrist at a constant rate behind something that stands in the line of sight."""
-    import numpy as np
-
-    from harness.reproduce.experiments import trackers as bench
-
     figures: list[Figure] = []
     plots: list[Plot] = []
     for k, length in enumerate(LENGTHS):
@@ -38,17 +32,15 @@ def run(context: Context) -> ItemResult:
             "tracker held": found.tracker["optical_attitude"],
             "filter": found.filtered["attitude"],
         }
+        rows: list[Row] = []
         for name, attitude in attitudes.items():
-            error = bench.total(attitude, found.robot["attitude"])
-            figures.append(
-                Figure(SOURCE, f"largest error of the attitude, {name}", "deg", None,
-                       float(error[after].max()), setting)
-            )  # fmt: skip
+            error = bench.total_angle(attitude, found.robot["attitude"])
+            quantity = f"largest error of the attitude, {name}"
+            rows.append((quantity, "deg", None, error[after].max()))
         rate = np.degrees(found.filtered["body_rate"] - found.robot["rate"])
-        figures.append(
-            Figure(SOURCE, "rms error of the rate, an axis, filter", "deg/s", None,
-                   bench.rms(rate[after]), setting)
-        )  # fmt: skip
+        quantity = "rms error of the rate, an axis, filter"
+        rows.append((quantity, "deg/s", None, bench.rms(rate[after])))
+        figures += figures_of(SOURCE, setting, rows)
         if k == 0:
             plots.append(_plot(found, length))
     return ItemResult(
@@ -64,44 +56,30 @@ def run(context: Context) -> ItemResult:
 
 
 def _plot(found: OpticalRun, length: float) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line
-    from harness.reproduce.experiments.trackers import angles
-
     shown = found.time > BEGIN - SHOWN
     time = found.time[shown]
-    plot: go.Figure = make_subplots(rows=1, cols=2, horizontal_spacing=0.09)
-    roll = {
+    attitudes = {
         "tracker": (found.tracker["optical_attitude"], SERIES[1]),
         "filter": (found.filtered["attitude"], SERIES[0]),
         "robot": (found.robot["attitude"], GREY),
     }
-    for name, (values, colour) in roll.items():
-        curve = line(time, angles(values[shown])[:, 0], colour, name)
-        plot.add_trace(curve, row=1, col=1)
     rates = {
         "gyro": (found.imu["rate"], SERIES[2]),
         "filter": (found.filtered["body_rate"], SERIES[0]),
         "robot": (found.robot["rate"], GREY),
     }
-    for name, (values, colour) in rates.items():
-        curve = line(time, np.degrees(values[shown, 0]), colour, name, name == "gyro")
-        plot.add_trace(curve, row=1, col=2)
-    for column, title in ((1, "roll, deg"), (2, "rate about x, deg/s")):
-        plot.add_vrect(
-            x0=BEGIN, x1=BEGIN + length, fillcolor="#888888", opacity=0.12, line_width=0, row=1,
-            col=column,
-        )  # fmt: skip
-        plot.update_yaxes(title_text=title, row=1, col=column)
-    plot.update_xaxes(title_text="time, s")
+    panels = [
+        [line(time, bench.angles(values[shown])[:, 0], colour, name)
+         for name, (values, colour) in attitudes.items()],
+        [line(time, np.degrees(values[shown, 0]), colour, name)
+         for name, (values, colour) in rates.items()],
+    ]  # fmt: skip
+    plot = grid([panels], "time, s", ["roll, deg", "rate about x, deg/s"], 400)
+    shade(plot, BEGIN, BEGIN + length)
     return Plot(
         "Occlusion of half a second",
         "Shaded while nothing is seen; what was seen before still arrives for 16 ms.",
-        layout(plot, 400),
+        plot,
     )
 
 

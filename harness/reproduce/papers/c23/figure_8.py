@@ -1,15 +1,13 @@
 """C23 figures 8 to 10: attitude, rate and bias of a wrist by optical tracker and gyro."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
 
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.trackers import OpticalRun
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart, components, line, thinned
+from harness.reproduce.experiments import trackers as bench
+from harness.reproduce.experiments.trackers import OpticalRun
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SECONDS = 50.0
 REST = (2.0, 5.0)
@@ -20,18 +18,14 @@ RATE = -9.0
 
 def run(context: Context) -> ItemResult:
     """Turn the wrist at a constant rate."""
-    import numpy as np
-
-    from harness.reproduce.experiments import trackers as bench
-
     context.progress(0.0, "robot, tracker and gyro")
     found = bench.optical_run(SECONDS)
     true, time = found.robot["attitude"], found.time
     settled = time > bench.SETTLED
     steady = settled & (found.robot["moving"] > 1 - 1e-9)
     attitude = {
-        "tracker": bench.total(found.tracker["optical_attitude"], true),
-        "filter": bench.total(found.filtered["attitude"], true),
+        "tracker": bench.total_angle(found.tracker["optical_attitude"], true),
+        "filter": bench.total_angle(found.filtered["attitude"], true),
     }
     rate = {
         "gyro": np.degrees(found.imu["rate"] - found.robot["rate"]),
@@ -42,25 +36,25 @@ def run(context: Context) -> ItemResult:
     last = found.filtered["rate_bias"][-1]
     constant = f"turning at {RATE:g} deg/s about x, {steady.sum() * bench.T:.0f} s"
     all_along = "at rest, starting, turning, stopping"
-    figures = [
-        *(
-            Figure("C23 figure 8", f"rms error of the attitude, {name}", "deg", None,
-                   bench.rms(error[settled]), all_along)
-            for name, error in attitude.items()
-        ),
-        *(
-            Figure("C23 figure 9", f"rms error of the rate, an axis, {name}", "deg/s", None,
-                   bench.rms(error[steady]), constant)
-            for name, error in rate.items()
-        ),
-        Figure("C23 figure 9", "rms noise of the rate, an axis, gyro", "deg/s", None,
-               float(rate["gyro"][steady].std(axis=0).mean()), constant),
-        Figure("C23 figure 10", "largest distance of the bias from that measured at rest",
-               "deg/s", None, float(np.degrees(np.abs(last - measured)).max()),
-               f"after {SECONDS:g} s; at rest over {REST[1] - REST[0]:g} s"),
-        Figure("C23 figure 10", "largest distance of the bias from the true one", "deg/s", None,
-               float(np.degrees(np.abs(last - found.bias)).max()), f"after {SECONDS:g} s"),
-    ]  # fmt: skip
+    kinds = {
+        "C23 figure 8": ("rms error of the attitude", "deg", attitude, settled, all_along),
+        "C23 figure 9": ("rms error of the rate, an axis", "deg/s", rate, steady, constant),
+    }
+    figures: list[Figure] = []
+    for source, (quantity, unit, errors, part, setting) in kinds.items():
+        for name, error in errors.items():
+            row: Row = (f"{quantity}, {name}", unit, None, bench.rms(error[part]))
+            figures += figures_of(source, setting, [row])
+    noise = rate["gyro"][steady].std(axis=0).mean()
+    row = ("rms noise of the rate, an axis, gyro", "deg/s", None, noise)
+    figures += figures_of("C23 figure 9", constant, [row])
+    for quantity, bias, setting in (
+        ("that measured at rest", measured, f"; at rest over {REST[1] - REST[0]:g} s"),
+        ("the true one", found.bias, ""),
+    ):
+        away = np.degrees(np.abs(last - bias)).max()
+        row = (f"largest distance of the bias from {quantity}", "deg/s", None, away)
+        figures += figures_of("C23 figure 10", f"after {SECONDS:g} s{setting}", [row])
     return ItemResult(
         figures=tuple(figures),
         plots=(_attitude(found), _rate(found), _bias(found)),
@@ -77,70 +71,37 @@ def run(context: Context) -> ItemResult:
 
 
 def _attitude(found: OpticalRun) -> Plot:
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line, thinned
-
-    plot: go.Figure = make_subplots(rows=4, cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    curves = {
-        "robot": (found.robot["attitude"], GREY),
-        "tracker": (found.tracker["optical_attitude"], SERIES[1]),
-        "filter": (found.filtered["attitude"], SERIES[0]),
-    }
-    for name, (values, colour) in curves.items():
-        for row, letter in enumerate("wxyz"):
-            curve = line(*thinned(found.time, values[:, row]), colour, name, row == 0)
-            plot.add_trace(curve, row=row + 1, col=1)
-            plot.update_yaxes(title_text=letter, row=row + 1, col=1)
-    plot.update_xaxes(title_text="time, s", row=4, col=1)
-    return Plot("Attitude (figure 8)", "Components of the quaternion.", layout(plot, 620))
+    curves = (
+        ("robot", GREY, found.time, found.robot["attitude"]),
+        ("tracker", SERIES[1], found.time, found.tracker["optical_attitude"]),
+        ("filter", SERIES[0], found.time, found.filtered["attitude"]),
+    )
+    plot = components(curves, "wxyz", 620)
+    return Plot("Attitude (figure 8)", "Components of the quaternion.", plot)
 
 
 def _rate(found: OpticalRun) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line, thinned
-
-    plot: go.Figure = make_subplots(rows=3, cols=1, shared_xaxes=True, vertical_spacing=0.03)
-    curves = {
-        "gyro": (found.imu["rate"], SERIES[1]),
-        "filter": (found.filtered["body_rate"], SERIES[0]),
-        "robot": (found.robot["rate"], GREY),
-    }
-    for name, (values, colour) in curves.items():
-        for row, axis in enumerate("xyz"):
-            time, curve = thinned(found.time, np.degrees(values[:, row]))
-            plot.add_trace(line(time, curve, colour, name, row == 0), row=row + 1, col=1)
-            plot.update_yaxes(title_text=f"{axis}, deg/s", row=row + 1, col=1)
-    plot.update_xaxes(title_text="time, s", row=3, col=1)
-    return Plot("Rate (figure 9)", "Body rate.", layout(plot, 560))
+    curves = (
+        ("gyro", SERIES[1], found.time, np.degrees(found.imu["rate"])),
+        ("filter", SERIES[0], found.time, np.degrees(found.filtered["body_rate"])),
+        ("robot", GREY, found.time, np.degrees(found.robot["rate"])),
+    )
+    plot = components(curves, [f"{axis}, deg/s" for axis in "xyz"], 560)
+    return Plot("Rate (figure 9)", "Body rate.", plot)
 
 
 def _bias(found: OpticalRun) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line, thinned
-
-    plot = go.Figure()
+    curves = []
     ends = np.array([found.time[0], found.time[-1]])
     rest = (found.time > REST[0]) & (found.time < REST[1])
     measured = np.degrees(found.imu["rate"][rest].mean(axis=0))
     for axis in range(3):
         time, bias = thinned(found.time, np.degrees(found.filtered["rate_bias"][:, axis]))
-        plot.add_trace(line(time, bias, SERIES[axis], f"filter, {'xyz'[axis]}"))
+        curves.append(line(time, bias, SERIES[axis], f"filter, {'xyz'[axis]}"))
         level = np.full(2, measured[axis])
-        plot.add_trace(line(ends, level, GREY, "gyro at rest", axis == 0, dash="dot"))
-    plot.update_xaxes(title_text="time, s")
-    plot.update_yaxes(title_text="bias, deg/s")
-    return Plot("Bias of the gyro (figure 10)", "Dotted: mean of the gyro at rest.",
-                layout(plot, 380))  # fmt: skip
+        curves.append(line(ends, level, GREY, "gyro at rest", axis == 0, dash="dot"))
+    plot = chart(curves, "time, s", "bias, deg/s")
+    return Plot("Bias of the gyro (figure 10)", "Dotted: mean of the gyro at rest.", plot)
 
 
 ITEM = Item(

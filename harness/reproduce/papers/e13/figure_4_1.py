@@ -1,7 +1,7 @@
 """E13 figures 4.1 and 4.2: errors on simulated trajectories, by steps since the correction."""
 
-from __future__ import annotations
-
+from harness.reproduce.experiments.augmentation import simulated
+from harness.reproduce.experiments.augmented import by_step, figures, follow_all, speed_note
 from harness.reproduce.item import Context, Item, ItemResult
 
 SOURCE = "E13 figures 4.1, 4.2"
@@ -10,11 +10,8 @@ PATHS = 6
 
 def run(context: Context) -> ItemResult:
     """Follow six random paths."""
-    from harness.reproduce.experiments.augmentation import simulated
-    from harness.reproduce.experiments.augmented import by_step, figures, of, speed_note
-
     motions = [simulated(seed) for seed in range(1, PATHS + 1)]
-    parts = [of("simulated trajectories", motions, context.progress)]
+    parts = [follow_all("simulated trajectories", motions, context.progress)]
     setting = "inertial 200 Hz, optical 20 Hz, six paths of 10 s"
     return ItemResult(
         figures=tuple(

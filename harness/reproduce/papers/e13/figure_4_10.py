@@ -1,18 +1,24 @@
 """E13 figure 4.10: errors by the length of an occlusion."""
 
-from __future__ import annotations
+from collections.abc import Mapping
 
-from typing import TYPE_CHECKING
+import numpy as np
 
+from fmu_src.pack.discovery import load_model
 from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.augmentation import Populations
-    from harness.reproduce.experiments.pose import Errors
+from harness.report.page import Plot
+from harness.report.plots import grid
+from harness.reproduce.experiments.augmentation import (
+    FILTERS,
+    SETTINGS_E13,
+    Populations,
+    broad_trials,
+    category,
+    occluded_errors,
+)
+from harness.reproduce.experiments.augmented import HAND, MISSING, UNITS, curves
+from harness.reproduce.experiments.pose import SETTINGS, PoseErrors, occlusions
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SOURCE = "E13 figure 4.10"
 RATIO = 5
@@ -24,21 +30,18 @@ LIMITS = {"position": (1e-3, "1 mm", 55), "attitude": (0.0174533, "1 deg", 95)}
 """Of an rms, and the samples for which E13 stays below (E13 5.2)."""
 DURATIONS = (0.05, 0.1, 0.15, 0.2, 0.275, 0.35, 0.5, 0.65, 0.8, 1.0)
 """On BROAD [s]."""
-TOLD = (0.275, 0.5, 1.0)
+REPORTED = (0.275, 0.5, 1.0)
 STRIDES = {"OpticalInertialEkf": 1, "OpticalInertialUkf": 12, "OpticalPoseUkf": 12}
 """Of the optical samples at which an occlusion of BROAD begins."""
 
 
 def run(context: Context) -> ItemResult:
     """Hide the markers at each place."""
-    from harness.reproduce.experiments.augmentation import FILTERS, category, hidden
-    from harness.reproduce.experiments.augmented import MISSING
-
     motions = [category(1, seed, RATIO) for seed in range(1, ACQUISITIONS + 1)]
     found = {}
     for place, name in enumerate(FILTERS):
         context.progress(0.1 * place / len(FILTERS), f"{name}, simulated hand")
-        found[name] = hidden(name, motions, SAMPLES)
+        found[name] = occluded_errors(name, motions, SAMPLES)
     figures = [figure for name, errors in found.items() for figure in _simulated(name, errors)]
     plots = [_plot(found)]
     recorded = _recorded(context)
@@ -62,34 +65,25 @@ def run(context: Context) -> ItemResult:
 
 
 def _simulated(name: str, errors: Populations) -> list[Figure]:
-    import numpy as np
-
-    from harness.reproduce.experiments.augmented import HAND, UNITS
-
-    found = []
-    setting = f"{HAND}, {9 * ACQUISITIONS} occlusions of {SAMPLES} samples (0.5 s)"
+    rows: list[Row] = []
     for what, (unit, scale) in UNITS.items():
-        for quantity, paper, values in (
-            ("axis y", PAPER.get(what), errors.rms(what)),
-            ("3-D", None, errors.rms(what, None)),
-        ):
-            label = f"{what}, rms at the end, {quantity}: {name}"
-            found.append(Figure(SOURCE, label, unit, paper, float(scale * values[-1]), setting))
-        limit, told, paper_samples = LIMITS[what]
-        below = np.append(errors.rms(what) < limit, False)
-        label = f"{what}, samples below {told}, axis y, {SAMPLES} at the most: {name}"
-        found.append(Figure(SOURCE, label, "", paper_samples, float(below.argmin()), setting))
-    return found
+        end, length = errors.rms(what)[-1], errors.rms(what, None)[-1]
+        limit, limit_text, paper_samples = LIMITS[what]
+        below = np.append(errors.rms(what) < limit, False).argmin()
+        at_most = f"samples below {limit_text}, axis y, {SAMPLES} at the most"
+        rows += (
+            (f"{what}, rms at the end, axis y: {name}", unit, PAPER.get(what), scale * end),
+            (f"{what}, rms at the end, 3-D: {name}", unit, None, scale * length),
+            (f"{what}, {at_most}: {name}", "", paper_samples, below),
+        )
+    setting = f"{HAND}, {9 * ACQUISITIONS} occlusions of {SAMPLES} samples (0.5 s)"
+    return figures_of(SOURCE, setting, rows)
 
 
-def _recorded(context: Context) -> dict[tuple[str, str], Errors]:
-    """Errors by trial and filter; none where there are no recordings."""
-    from fmu_src.pack.build import load_model
-    from harness.reproduce.experiments.augmentation import SETTINGS_E13, trials
-    from harness.reproduce.experiments.pose import SETTINGS, occlusions
-
+def _recorded(context: Context) -> dict[tuple[str, str], PoseErrors]:
+    """Return errors by trial and filter; none where there are no recordings."""
     found = {}
-    known = trials(context)
+    known = broad_trials(context)
     for place, trial in enumerate(known):
         for number, (name, stride) in enumerate(STRIDES.items()):
             share = (place + number / len(STRIDES)) / len(known)
@@ -101,69 +95,58 @@ def _recorded(context: Context) -> dict[tuple[str, str], Errors]:
     return found
 
 
-def _figures(trial: str, name: str, errors: Errors) -> list[Figure]:
-    from harness.reproduce.experiments.augmented import UNITS
-
+def _figures(trial: str, name: str, errors: PoseErrors) -> list[Figure]:
     stride = STRIDES[name]
     where = "each place" if stride == 1 else f"each {stride}th place"
-    found = []
-    for duration in TOLD:
+    found: list[Figure] = []
+    for duration in REPORTED:
         at = DURATIONS.index(duration)
+        rows = (
+            (f"{what}, rms at the end, 3-D: {name}", unit, None, scale * getattr(errors, what)[at])
+            for what, (unit, scale) in UNITS.items()
+        )
         setting = f"BROAD, trial {trial}, occlusions of {duration:g} s at {where}"
-        for what, (unit, scale) in UNITS.items():
-            value = float(scale * getattr(errors, what)[at])
-            label = f"{what}, rms at the end, 3-D: {name}"
-            found.append(Figure(SOURCE, label, unit, None, value, setting))
+        found += figures_of(SOURCE, setting, rows)
     return found
 
 
 def _plot(found: Mapping[str, Populations]) -> Plot:
-    import numpy as np
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import layout
-    from harness.reproduce.experiments.augmented import UNITS, curves
-
-    plot = make_subplots(rows=1, cols=2, horizontal_spacing=0.1)
-    for column, (what, (unit, scale)) in enumerate(UNITS.items(), start=1):
-        values = {name: scale * errors.rms(what) for name, errors in found.items()}
-        curves(plot, np.arange(1.0, SAMPLES + 1), values, 1, column)
-        plot.update_yaxes(
-            title_text=f"{what}, axis y, {unit}", rangemode="tozero", row=1, col=column
-        )
-    plot.update_xaxes(title_text="samples since the occlusion began")
+    steps = np.arange(1.0, SAMPLES + 1)
+    panels = [
+        curves(steps, {name: scale * errors.rms(what) for name, errors in found.items()})
+        for what, (_, scale) in UNITS.items()
+    ]
+    titles = [f"{what}, axis y, {unit}" for what, (unit, _) in UNITS.items()]
+    plot = grid([panels], "samples since the occlusion began", titles, 420)
+    plot.update_yaxes(rangemode="tozero")
     return Plot(
         "Figure 4.10: simulated hand",
         f"Rms of {9 * ACQUISITIONS} occlusions along, and about, axis y.",
-        layout(plot, 420),
+        plot,
     )
 
 
-def _plot_recorded(found: Mapping[tuple[str, str], Errors]) -> Plot:
-    import numpy as np
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import layout
-    from harness.reproduce.experiments.augmented import UNITS, curves
-
-    trials = list(dict.fromkeys(trial for trial, _ in found))
-    titles = [f"trial {trial}" for trial in trials]
-    plot = make_subplots(
-        rows=2, cols=len(trials), subplot_titles=titles, shared_yaxes="rows", shared_xaxes=True
+def _plot_recorded(found: Mapping[tuple[str, str], PoseErrors]) -> Plot:
+    places = list(dict.fromkeys(trial for trial, _ in found))
+    panels = [
+        [
+            curves(
+                np.array(DURATIONS),
+                {name: scale * getattr(errors, what)
+                 for (of, name), errors in found.items() if of == trial},
+            )
+            for trial in places
+        ]
+        for what, (_, scale) in UNITS.items()
+    ]  # fmt: skip
+    plot = grid(
+        panels,
+        "occlusion, s",
+        [f"{what}, 3-D, {unit}" for what, (unit, _) in UNITS.items()],
+        560,
+        shared_yaxes="rows",
+        subplot_titles=[f"trial {trial}" for trial in places],
     )
-    for row, (what, (unit, scale)) in enumerate(UNITS.items(), start=1):
-        for column, trial in enumerate(trials, start=1):
-            values = {
-                name: scale * getattr(errors, what)
-                for (of, name), errors in found.items()
-                if of == trial
-            }
-            curves(plot, np.array(DURATIONS), values, row, column)
-        plot.update_yaxes(title_text=f"{what}, 3-D, {unit}", row=row, col=1)
-    plot.update_xaxes(title_text="occlusion, s", row=2)
-    layout(plot, 560)
     plot.update_layout(legend_y=1.08, margin_t=72)
     return Plot("Figure 4.10: BROAD", "Rms at the end of occlusions, by their length.", plot)
 

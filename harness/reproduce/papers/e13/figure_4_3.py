@@ -1,15 +1,26 @@
 """E13 figure 4.3: real and estimated position over time, with a part enlarged."""
 
-from __future__ import annotations
+from collections.abc import Mapping
 
-from typing import TYPE_CHECKING
+import numpy as np
+import plotly.graph_objects as go
 
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.augmentation import Motion
+from harness.common.types import FloatArray
+from harness.report.page import Plot
+from harness.report.plots import GREY, grid, line
+from harness.reproduce.experiments.augmentation import (
+    AXIS,
+    FILTERS,
+    TrackedMotion,
+    category,
+    errors,
+    recorded,
+    stretch,
+)
+from harness.reproduce.experiments.augmentation import estimate as follow
+from harness.reproduce.experiments.augmented import MISSING, curves
+from harness.reproduce.experiments.broad import TRIALS
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "E13 figure 4.3"
 RATIO = 10
@@ -18,21 +29,7 @@ SHOWN, ENLARGED = 10.0, 0.4
 
 
 def run(context: Context) -> ItemResult:
-    """One acquisition of the simulated hand, and a slow trial of BROAD."""
-    import numpy as np
-
-    from harness.reproduce.experiments.augmentation import (
-        AXIS,
-        FILTERS,
-        category,
-        errors,
-        recorded,
-        stretch,
-    )
-    from harness.reproduce.experiments.augmentation import estimate as follow
-    from harness.reproduce.experiments.augmented import MISSING
-    from harness.reproduce.experiments.broad import TRIALS
-
+    """Follow one acquisition of the simulated hand, and a slow trial of BROAD."""
     motions = [category(1, 1, RATIO), *recorded(context, RATIO, TRIALS[2:3])]
     figures, plots = [], []
     for place, motion in enumerate(motions):
@@ -42,16 +39,9 @@ def run(context: Context) -> ItemResult:
             context.progress(share, f"{name}, {motion.name}")
             outputs[name] = follow(name, motion)
             error = errors(motion, outputs[name])[0][stretch(motion, SHOWN), AXIS]
-            figures.append(
-                Figure(
-                    SOURCE,
-                    f"position, largest error, axis y: {name}",
-                    "mm",
-                    None,
-                    float(1e3 * np.abs(error).max()),
-                    f"{motion.name}, {SHOWN:g} s",
-                )
-            )
+            largest = 1e3 * np.abs(error).max()
+            row = (f"position, largest error, axis y: {name}", "mm", None, largest)
+            figures += figures_of(SOURCE, f"{motion.name}, {SHOWN:g} s", [row])
         plots.append(_plot(motion, {n: outputs[n]["position"] for n in outputs}))
     return ItemResult(
         figures=tuple(figures),
@@ -65,39 +55,24 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _plot(motion: Motion, found: dict) -> Plot:
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, layout, line
-    from harness.reproduce.experiments.augmentation import stretch
-    from harness.reproduce.experiments.augmented import curves
-
-    plot = make_subplots(rows=3, cols=2, column_widths=[0.65, 0.35], vertical_spacing=0.06)
-    for column, seconds in ((1, SHOWN), (2, ENLARGED)):
-        first = stretch(motion, SHOWN).start
+def _plot(motion: TrackedMotion, found: Mapping[str, FloatArray]) -> Plot:
+    panels: list[list[list[go.Scatter]]] = [[], [], []]
+    first = stretch(motion, SHOWN).start
+    for seconds in (SHOWN, ENLARGED):
         part = slice(first, first + round(seconds / motion.period))
-        time = motion.time[part]
-        new = motion.new[part]
-        for row in range(3):
-            place = {n: 1e3 * values[part, row] for n, values in found.items()}
+        time, new = motion.time[part], motion.new[part]
+        for row, cells in enumerate(panels):
             true = 1e3 * motion.position[part, row]
-            plot.add_trace(
-                line(time, true, GREY, "true", row == 0 and column == 1, width=2.4),
-                row=row + 1,
-                col=column,
-            )
-            curves(plot, time, place, row + 1, column)
-            if column == 2:
-                seen = line(time[new], true[new], GREY, "optical samples", row == 0)
-                seen.mode = "markers"
-                plot.add_trace(seen, row=row + 1, col=column)
-            plot.update_yaxes(title_text=f"{'xyz'[row]}, mm", row=row + 1, col=1)
-    plot.update_xaxes(title_text="time, s", row=3)
+            place = {name: 1e3 * values[part, row] for name, values in found.items()}
+            cells.append([line(time, true, GREY, "true", width=2.4), *curves(time, place)])
+            if seconds == ENLARGED:
+                name = "optical samples"
+                cells[-1].append(line(time[new], true[new], GREY, name, mode="markers"))
+    plot = grid(panels, "time, s", ["x, mm", "y, mm", "z, mm"], 620, column_widths=[0.65, 0.35])
     return Plot(
         f"Figure 4.3: {motion.name}",
         "Position in the world, true and estimated; on the right the beginning, enlarged.",
-        layout(plot, 620),
+        plot,
     )
 
 

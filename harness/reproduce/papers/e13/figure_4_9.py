@@ -1,15 +1,22 @@
 """E13 figure 4.9: three occlusions in one acquisition, over time."""
 
-from __future__ import annotations
+import numpy as np
 
-from typing import TYPE_CHECKING
-
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.augmentation import Motion
+from harness.report.page import Plot
+from harness.report.plots import GREY, grid, line
+from harness.reproduce.experiments.augmentation import (
+    AXIS,
+    FILTERS,
+    TrackedMotion,
+    category,
+    errors,
+    estimate,
+    recorded,
+    stretch,
+)
+from harness.reproduce.experiments.augmented import MISSING, curves
+from harness.reproduce.experiments.broad import TRIALS
+from harness.reproduce.item import Context, Item, ItemResult, figures_of
 
 SOURCE = "E13 figure 4.9"
 RATIO = 5
@@ -22,29 +29,17 @@ PAPER = 0.7
 
 def run(context: Context) -> ItemResult:
     """Hide the markers three times, from the simulated hand and in a slow trial of BROAD."""
-    import numpy as np
-
-    from harness.reproduce.experiments.augmentation import (
-        AXIS,
-        FILTERS,
-        category,
-        errors,
-        estimate,
-        recorded,
-        stretch,
-    )
-    from harness.reproduce.experiments.augmented import MISSING
-    from harness.reproduce.experiments.broad import TRIALS
-
     motions = [category(1, 1, RATIO), *recorded(context, RATIO, TRIALS[2:3])]
     figures, plots = [], []
     for place, motion in enumerate(motions):
         part = stretch(motion, SHOWN)
-        hidden = [
+        occlusions = [
             tuple(part.start + round(t / motion.period) for t in (begin, begin + length))
             for begin, length in OCCLUSIONS
         ]
-        blind = motion.occluded(*hidden)
+        largest = "position, largest error"
+        setting = f"{motion.name}; occlusions of 0.25, 0.35 and 0.6 s"
+        blind = motion.occluded(*occlusions)
         found = {}
         for number, name in enumerate(FILTERS):
             share = (place + number / len(FILTERS)) / len(motions)
@@ -52,20 +47,11 @@ def run(context: Context) -> ItemResult:
             outputs = estimate(name, blind)
             error = errors(motion, outputs)[0][part]
             found[name] = (outputs["position"][part], error)
-            for quantity, paper, value in (
-                ("axis y", PAPER, np.abs(error[:, AXIS]).max()),
-                ("3-D", None, np.linalg.norm(error, axis=1).max()),
-            ):
-                figures.append(
-                    Figure(
-                        SOURCE,
-                        f"position, largest error, {quantity}: {name}",
-                        "mm",
-                        paper,
-                        float(1e3 * value),
-                        f"{motion.name}; occlusions of 0.25, 0.35 and 0.6 s",
-                    )
-                )
+            rows = (
+                (f"{largest}, axis y: {name}", "mm", PAPER, 1e3 * np.abs(error[:, AXIS]).max()),
+                (f"{largest}, 3-D: {name}", "mm", None, 1e3 * np.linalg.norm(error, axis=1).max()),
+            )
+            figures += figures_of(SOURCE, setting, rows)
         plots.append(_plot(blind, part, found))
     return ItemResult(
         figures=tuple(figures),
@@ -79,32 +65,25 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _plot(motion: Motion, part: slice, found: dict) -> Plot:
-    import numpy as np
-    from plotly.subplots import make_subplots
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, layout, line
-    from harness.reproduce.experiments.augmentation import AXIS
-    from harness.reproduce.experiments.augmented import curves
-
-    plot = make_subplots(rows=2, cols=1, shared_xaxes=True, vertical_spacing=0.06)
+def _plot(motion: TrackedMotion, part: slice, found: dict) -> Plot:
     time, new = motion.time[part], motion.new[part]
     true = 1e3 * motion.position[part, AXIS]
-    plot.add_trace(line(time, true, GREY, "true", width=2.4), row=1, col=1)
-    curves(plot, time, {n: 1e3 * place[:, AXIS] for n, (place, _) in found.items()}, 1, 1)
-    seen = line(time[new], np.full(int(new.sum()), true.min()), GREY, "optical samples")
-    seen.mode = "markers"
-    seen.marker = {"symbol": "line-ns-open", "color": GREY, "size": 8}
-    plot.add_trace(seen, row=1, col=1)
-    curves(plot, time, {n: 1e3 * error[:, AXIS] for n, (_, error) in found.items()}, 2, 1)
-    plot.update_yaxes(title_text="y, mm", row=1)
-    plot.update_yaxes(title_text="error, axis y, mm", row=2)
-    plot.update_xaxes(title_text="time, s", row=2)
+    at = np.full(int(new.sum()), true.min())
+    optical = line(time[new], at, GREY, "optical samples", mode="markers")
+    optical.marker = {"symbol": "line-ns-open", "color": GREY, "size": 8}
+    panels = [
+        [[
+            line(time, true, GREY, "true", width=2.4),
+            *curves(time, {name: 1e3 * place[:, AXIS] for name, (place, _) in found.items()}),
+            optical,
+        ]],
+        [curves(time, {name: 1e3 * error[:, AXIS] for name, (_, error) in found.items()})],
+    ]  # fmt: skip
+    plot = grid(panels, "time, s", ["y, mm", "error, axis y, mm"], 520)
     return Plot(
         f"Figure 4.9: {motion.name}",
         "Position along axis y, bars where an optical sample arrives, and the error.",
-        layout(plot, 520),
+        plot,
     )
 
 

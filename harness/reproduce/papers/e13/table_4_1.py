@@ -1,14 +1,15 @@
 """E13 table 4.1 and figures 4.4, 4.5, 4.7: position between optical samples, by step."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from harness.common.figures import Figure
+from harness.report.page import Plot
+from harness.reproduce.experiments.augmented import (
+    MISSING,
+    augmented,
+    by_step,
+    figures,
+    speed_note,
+)
 from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
 
 SOURCE = "E13 table 4.1"
 ROWS = {(1, 10): (0.2, 0.7), (2, 10): (0.9, 2.6), (2, 5): (0.5, 1.3)}
@@ -18,25 +19,12 @@ SHOWN = {(1, 10): "4.4", (2, 10): "4.5", (2, 5): "4.7"}
 
 def run(context: Context) -> ItemResult:
     """Follow slow and fast motions, simulated and recorded."""
-    from harness.reproduce.experiments.augmented import (
-        MISSING,
-        augmented,
-        by_step,
-        figures,
-        part_of,
-        speed_note,
-    )
-
     found: list[Figure] = []
     plots: list[Plot] = []
     notes: list[str] = []
     missing = False
     for place, (row, paper) in enumerate(ROWS.items()):
-        parts = augmented(
-            context,
-            *row,
-            part_of(context, place, len(ROWS)),
-        )
+        parts = augmented(context.part(place, len(ROWS)), *row)
         setting = f"velocity category {row[0]}, ratio {row[1]}"
         found.extend(figures(SOURCE, "position", setting, parts, paper))
         plots.append(by_step(f"Figure {SHOWN[row]}: {setting}", "position", parts))

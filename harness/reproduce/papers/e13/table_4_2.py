@@ -1,15 +1,16 @@
 """E13 table 4.2 and figures 4.6, 4.8: attitude between optical samples, by step."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from harness.common.figures import Figure
+from harness.report.page import Plot
+from harness.reproduce.experiments.augmented import (
+    MISSING,
+    Augmented,
+    augmented,
+    by_step,
+    figures,
+    speed_note,
+)
 from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.augmented import Augmented
 
 SOURCE = "E13 table 4.2"
 ROWS = {10: (0.7, 2.3), 5: (0.3, 1.2)}
@@ -19,26 +20,12 @@ SHOWN = {10: "4.6", 5: "4.8"}
 
 def run(context: Context) -> ItemResult:
     """Follow motions of 20 deg/s, simulated, and recorded ones."""
-    from harness.reproduce.experiments.augmented import (
-        MISSING,
-        augmented,
-        by_step,
-        figures,
-        part_of,
-        speed_note,
-    )
-
     found: list[Figure] = []
     plots: list[Plot] = []
     parts: tuple[Augmented, ...] = ()
     cases = [(ratio, number) for ratio in ROWS for number in (1, 2)]
     for place, (ratio, number) in enumerate(cases):
-        parts = augmented(
-            context,
-            number,
-            ratio,
-            part_of(context, place, len(cases)),
-        )
+        parts = augmented(context.part(place, len(cases)), number, ratio)
         setting = f"ratio {ratio}, motions of category {number}"
         found.extend(figures(SOURCE, "attitude", setting, parts, ROWS[ratio]))
         plots.append(by_step(f"Figure {SHOWN[ratio]}: {setting}", "attitude", parts))

@@ -1,15 +1,13 @@
 """RK figures 3 and 4: roll of a robot's wrist by electromagnetic tracker, alone and fused."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+import numpy as np
 
 from harness.common.figures import Figure
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart, line, thinned
+from harness.reproduce.experiments import trackers as bench
+from harness.reproduce.experiments.trackers import EmRun
 from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.trackers import EmRun
 
 SOURCE = "RK figure 4"
 PAPER = {"tracker alone": 0.5, "fused, switched as printed": 0.2, "fused": 0.2}
@@ -20,8 +18,6 @@ OVERSHOOT = 1.2
 
 def run(context: Context) -> ItemResult:
     """Turn the wrist, and set both estimates beside the robot's own."""
-    from harness.reproduce.experiments import trackers as bench
-
     context.progress(0.0, "robot, tracker and inertial unit")
     found = bench.rk_run()
     true = found.robot["attitude"]
@@ -29,8 +25,8 @@ def run(context: Context) -> ItemResult:
     moving = settled & (found.robot["moving"] > 0)
     figures = []
     for name, attitude in found.attitudes().items():
-        roll = bench.apart(attitude, true)[:, 0]
-        whole = bench.total(attitude, true)
+        roll = bench.angle_errors(attitude, true)[:, 0]
+        whole = bench.total_angle(attitude, true)
         over = None if name == "tracker alone" else OVERSHOOT
         span = f"moving, {moving.sum() * bench.T:.0f} s"
         figures += [
@@ -59,41 +55,29 @@ def run(context: Context) -> ItemResult:
 
 
 def _roll(found: EmRun) -> Plot:
-    import numpy as np
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line, thinned
-    from harness.reproduce.experiments.trackers import angles
-
-    plot = go.Figure()
-    curves = {"robot": found.robot["attitude"], **found.attitudes()}
-    for (name, attitude), colour in zip(curves.items(), (GREY, *SERIES), strict=False):
-        time, roll = thinned(found.time, np.unwrap(angles(attitude)[:, 0], period=360))
-        plot.add_trace(line(time, roll, colour, name))
-    plot.update_xaxes(title_text="time, s")
-    plot.update_yaxes(title_text="roll, deg")
-    return Plot("Roll (figure 3)", "Roll of the robot, and what is made of it.", layout(plot, 380))
+    attitudes = {"robot": found.robot["attitude"], **found.attitudes()}
+    curves = [
+        line(
+            *thinned(found.time, np.unwrap(bench.angles(attitude)[:, 0], period=360)), colour, name
+        )
+        for (name, attitude), colour in zip(attitudes.items(), (GREY, *SERIES), strict=False)
+    ]
+    plot = chart(curves, "time, s", "roll, deg")
+    return Plot("Roll (figure 3)", "Roll of the robot, and what is made of it.", plot)
 
 
 def _error(found: EmRun) -> Plot:
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import SERIES, layout, line, thinned
-    from harness.reproduce.experiments.trackers import apart
-
-    plot = go.Figure()
+    curves = []
     for (name, attitude), colour in zip(found.attitudes().items(), SERIES, strict=False):
-        error = apart(attitude, found.robot["attitude"])[:, 0]
-        plot.add_trace(line(*thinned(found.time, error), colour, name))
-    plot.update_xaxes(title_text="time, s")
-    plot.update_yaxes(title_text="error of roll, deg", range=[-2, 2])
+        error = bench.angle_errors(attitude, found.robot["attitude"])[:, 0]
+        curves.append(line(*thinned(found.time, error), colour, name))
+    plot = chart(curves, "time, s", "error of roll, deg", 420)
+    plot.update_yaxes(range=[-2, 2])
     return Plot(
         "Error of roll (figure 4)",
         "Less the robot's roll at the same instant. The tracker is late, which shows while the "
         "robot moves.",
-        layout(plot, 420),
+        plot,
     )
 
 

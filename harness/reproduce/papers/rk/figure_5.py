@@ -1,17 +1,12 @@
 """RK figure 5: pitch while a piece of metal is swayed beside the tracker's coils."""
 
-from __future__ import annotations
+import numpy as np
 
-from typing import TYPE_CHECKING
-
-from harness.common.figures import Figure
-from harness.reproduce.item import Context, Item, ItemResult
-
-if TYPE_CHECKING:
-    import numpy as np
-
-    from harness.report.page import Plot
-    from harness.reproduce.experiments.trackers import EmRun
+from harness.report.page import Plot
+from harness.report.plots import GREY, SERIES, chart, line, shade, thinned
+from harness.reproduce.experiments import trackers as bench
+from harness.reproduce.experiments.trackers import EmRun
+from harness.reproduce.item import Context, Item, ItemResult, Row, figures_of
 
 SOURCE = "RK figure 5"
 SECONDS = 48.0
@@ -24,9 +19,7 @@ AWAY = 1.0
 
 
 def swayed(time: np.ndarray) -> np.ndarray:
-    """Place of the metal in W, (n, 3) [m]: round the origin of B, now near and now away."""
-    import numpy as np
-
+    """Return place of the metal in W, (n, 3) [m]: round the origin of B, now near and now away."""
     near = np.zeros(len(time))
     for begin, end in NEAR:
         edges = np.clip(np.minimum(time - begin, end - time) / 0.5, 0, 1)
@@ -41,10 +34,6 @@ def swayed(time: np.ndarray) -> np.ndarray:
 
 def run(context: Context) -> ItemResult:
     """Turn the wrist, sway the metal."""
-    import numpy as np
-
-    from harness.reproduce.experiments import trackers as bench
-
     context.progress(0.0, "robot, tracker and inertial unit")
     time = bench.T * np.arange(round(SECONDS / bench.T))
     found = bench.em_run(SECONDS, swayed(time))
@@ -52,17 +41,14 @@ def run(context: Context) -> ItemResult:
     near = np.zeros(len(time), dtype=bool)
     for begin, end in NEAR:
         near |= (time >= begin) & (time <= end)
-    figures = []
+    rows: list[Row] = []
     for name, attitude in found.attitudes().items():
-        pitch = bench.apart(attitude, true)[:, 1]
-        for what, value in (("rms", bench.rms(pitch[near])),
-                            ("largest", float(np.abs(pitch[near]).max()))):  # fmt: skip
-            setting = f"while metal is near, {near.sum() * bench.T:.0f} s"
-            figures.append(
-                Figure(SOURCE, f"{what} error of pitch, {name}", "deg", None, value, setting)
-            )
+        pitch = bench.angle_errors(attitude, true)[near, 1]
+        rows.append((f"rms error of pitch, {name}", "deg", None, bench.rms(pitch)))
+        rows.append((f"largest error of pitch, {name}", "deg", None, np.abs(pitch).max()))
+    setting = f"while metal is near, {near.sum() * bench.T:.0f} s"
     return ItemResult(
-        figures=tuple(figures),
+        figures=tuple(figures_of(SOURCE, setting, rows)),
         plots=(_plot(found),),
         notes=(
             "Simulated, all of it: as figure 3, and a sphere of 3 cm is swayed round the coils at "
@@ -73,24 +59,18 @@ def run(context: Context) -> ItemResult:
 
 
 def _plot(found: EmRun) -> Plot:
-    import plotly.graph_objects as go
-
-    from harness.report.page import Plot
-    from harness.report.plots import GREY, SERIES, layout, line, thinned
-    from harness.reproduce.experiments.trackers import angles
-
-    plot = go.Figure()
-    curves = {"robot": found.robot["attitude"], **found.attitudes()}
-    for (name, attitude), colour in zip(curves.items(), (GREY, *SERIES), strict=False):
-        plot.add_trace(line(*thinned(found.time, angles(attitude)[:, 1]), colour, name))
+    attitudes = {"robot": found.robot["attitude"], **found.attitudes()}
+    curves = [
+        line(*thinned(found.time, bench.angles(attitude)[:, 1]), colour, name)
+        for (name, attitude), colour in zip(attitudes.items(), (GREY, *SERIES), strict=False)
+    ]
+    plot = chart(curves, "time, s", "pitch, deg", 420)
     for begin, end in NEAR:
-        plot.add_vrect(x0=begin, x1=end, fillcolor="#888888", opacity=0.12, line_width=0)
-    plot.update_xaxes(title_text="time, s")
-    plot.update_yaxes(title_text="pitch, deg")
+        shade(plot, begin, end)
     return Plot(
         "Pitch while metal is swayed beside the coils",
         "Shaded while it is near.",
-        layout(plot, 420),
+        plot,
     )
 
 

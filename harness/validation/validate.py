@@ -7,7 +7,7 @@ from collections.abc import Callable, Container
 from dataclasses import dataclass
 from pathlib import Path
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 from harness.validation import archive, binary, description, structure  # noqa: F401 - register
 from harness.validation.checks import FILES, ITEMS, PROBES, CheckOutcome
 from harness.validation.files import Fmu
@@ -18,7 +18,7 @@ __all__ = ["Validation", "validate"]
 
 @dataclass(frozen=True)
 class Validation:
-    """What was found about one FMU.
+    """Results of all checks of one FMU.
 
     Attributes:
         path: the file.
@@ -30,16 +30,16 @@ class Validation:
 
     @property
     def counts(self) -> Counter[str]:
-        """How many checks ended as `ok`, `error`, `warning`, `info`, `skipped`."""
+        """Numbers of checks that ended as `ok`, `error`, `warning`, `info`, `skipped`."""
         return Counter(outcome.verdict for outcome in self.outcomes)
 
     @property
     def good(self) -> bool:
-        """Whether there is no error."""
+        """True if there is no error."""
         return not self.counts["error"]
 
     def __getitem__(self, id: str) -> CheckOutcome:
-        """Outcome of one check by its id."""
+        """Return the outcome of one check by its id."""
         return next(outcome for outcome in self.outcomes if outcome.id == id)
 
 
@@ -56,7 +56,7 @@ def validate(
         path: the file.
         timeout: for each probe of the running FMU [s].
         only: ids of the checks to carry out; all by default.
-        progress: told the checks done, the checks in all, and the id of the last one.
+        progress: called with the checks done, the checks in all, and the id of the last one.
 
     Raises:
         SteadytipError: there is no such file.
