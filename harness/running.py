@@ -134,7 +134,7 @@ def perform(
     for note in system.notes:
         status(note)
     metadata = metadata_of(system)
-    step = system.scenario.step
+    step = system.scenario.step_size
     recorder = Recorder(folder, system.columns, step, metadata, patient=rig is None)
     with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as workspace:
         once = RunContext(step, system.steps, Path(workspace))
@@ -206,9 +206,9 @@ def metadata_of(system: System) -> dict[str, Any]:
         "scenario_file": scenario.given,
         "title": scenario.title,
         "variant": scenario.variant,
-        "step": scenario.step,
+        "step": scenario.step_size,
         "steps": system.steps,
-        "settle": scenario.settle,
+        "settle": scenario.warm_up,
         "seed": scenario.seed,
         "texts": [list(text) for text in scenario.texts],
         "overrides": dict(scenario.overrides),
@@ -227,7 +227,11 @@ def metadata_of(system: System) -> dict[str, Any]:
         },
         "undriven": list(system.wiring.unconnected),
         "events": [
-            {"time": event.tick * scenario.step, "part": event.part, "values": dict(event.values)}
+            {
+                "time": event.tick * scenario.step_size,
+                "part": event.part,
+                "values": dict(event.values),
+            }
             for event in system.events
         ],
         "notes": list(system.notes),

@@ -157,12 +157,12 @@ def _moved_part(system: System) -> str:
 
 
 def _checked(system: System, hand: str) -> System:
-    """Check that a system can be analysed, and return it with the role `drive` filled."""
+    """Check that a system can be analysed, and fill its role `actuator_voltage`."""
     where, roles = system.scenario.name, dict(system.roles)
     problems = [
         f"the delay budget compares the tip with and without compensation: signals.{role} is "
         f'missing; write [signals] {role} = "PART.PORT_*", three outputs [m] in the world'
-        for role in ("moved", "tip")
+        for role in ("tip_uncompensated", "tip")
         if role not in roles
     ]
     problems += [
@@ -171,24 +171,27 @@ def _checked(system: System, hand: str) -> System:
         for name, part in system.parts.items()
         if part.metadata()["kind"] not in {"fmu", "replay"}
     ]
-    if "drive" not in roles:
+    if "actuator_voltage" not in roles:
         # Every loop has a delayed wire; without a word on it, that is where the command leaves.
         late = [link for link in system.wiring.links if link.delay]
-        roles["drive"] = tuple(dict.fromkeys(f"{link.source_part}.{link.source}" for link in late))
+        roles["actuator_voltage"] = tuple(
+            dict.fromkeys(f"{link.source_part}.{link.source}" for link in late)
+        )
         if not late:
             problems.append(
-                "which signals are the command is not known: signals.drive is missing, and no wire "
-                'has a delay; write [signals] drive = "PART.PORT_*"'
+                "which signals are the command is not known: signals.actuator_voltage is missing, "
+                "and no wire "
+                'has a delay; write [signals] actuator_voltage = "PART.PORT_*"'
             )
     if not problems:
         downstream = _reached(system, hand)
-        commanding = {name.rpartition(".")[0] for name in roles["drive"]}
+        commanding = {name.rpartition(".")[0] for name in roles["actuator_voltage"]}
         deaf = sorted(commanding - downstream)
         if deaf:
             problems.append(
                 f"nothing senses the hand: no wires lead from '{hand}' to {', '.join(deaf)}, "
-                f"where the command ({', '.join(roles['drive'])}) is made; add a [[wire]] from a "
-                "part that feels the motion"
+                f"where the command ({', '.join(roles['actuator_voltage'])}) is made; add a "
+                "[[wire]] from a part that feels the motion"
             )
     if problems:
         raise ProblemsError(where, problems)
@@ -243,7 +246,7 @@ def _conclude(
     from harness.analyze.linear import LINEAR, attenuation, connect_parts, fit_to_loop
     from harness.analyze.phase_budget import phase_budget
 
-    links, step = system.wiring.links, system.scenario.step
+    links, step = system.wiring.links, system.scenario.step_size
 
     def assembled(blocks: Sequence[PartResponse]) -> CutLoop:
         return connect_parts(blocks, links, system.roles, hand, step)
@@ -266,7 +269,7 @@ def _conclude(
         )
 
     together = as_in_loop(mean)
-    tip, moved = (operation.response(system.roles[role]) for role in ("tip", "moved"))
+    tip, moved = (operation.response(system.roles[role]) for role in ("tip", "tip_uncompensated"))
     realisations = tip @ np.linalg.inv(moved)
     measured = realisations.mean(axis=0)
     corrections = realisations - np.eye(3)

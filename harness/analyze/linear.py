@@ -202,7 +202,7 @@ def connect_parts(
     Args:
         blocks: of all parts with connected inputs.
         links: of the loop.
-        roles: `moved`, `tip`, `drive`, each with `part.port`.
+        roles: `tip_uncompensated`, `tip`, `actuator_voltage`, each with `part.port`.
         hand: part that is the hand.
         step: sample period [s].
     """
@@ -225,13 +225,13 @@ def connect_parts(
         return column_of_all
 
     sources = [f"{link.source_part}.{link.source}" for link in kept]
-    commands = tuple(dict.fromkeys(place[n] for n in roles["drive"] if n in place))
+    commands = tuple(dict.fromkeys(place[n] for n in roles["actuator_voltage"] if n in place))
     return CutLoop(
         outputs=outputs,
         links=tuple(kept),
         commands=commands,
         tip=tuple(place[name] for name in roles["tip"]),
-        moved=tuple(place[name] for name in roles["moved"]),
+        moved=tuple(place[name] for name in roles["tip_uncompensated"]),
         parts=_stacked([column(f"{link.target_part}.{link.target}") for link in kept]),
         delays=_stacked([np.exp(-1j * OMEGA * link.delay * step) for link in kept]),
         cut=np.array([place[name] in commands for name in sources], dtype=bool),

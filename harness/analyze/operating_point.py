@@ -95,7 +95,7 @@ class OperatingPoint:
 
 def duration(scenario: Scenario) -> float:
     """Return simulated time of a run [s]."""
-    return scenario.settle + LEARNING + WINDOW
+    return scenario.warm_up + LEARNING + WINDOW
 
 
 def find_operating_point(
@@ -120,7 +120,7 @@ def find_operating_point(
         ProblemsError: the hand's recording is too short.
         RunError: a run ended early.
     """
-    step = system.scenario.step
+    step = system.scenario.step_size
     seconds = duration(system.scenario)
     done_runs = 0
 
@@ -146,12 +146,12 @@ def find_operating_point(
             system.scenario.name,
             [
                 f"the motion lasts {len(signals) * step:g} s, the analysis needs {seconds:g} s: "
-                f"'settle' = {system.scenario.settle:g} s, and {LEARNING + WINDOW:g} s to learn "
+                f"'warm_up' = {system.scenario.warm_up:g} s, and {LEARNING + WINDOW:g} s to learn "
                 "and to measure. Give a longer recording, or less 'settle'"
             ],
         )
-    moved = signals[:, [names.index(name) for name in system.roles["moved"]]]
-    amplitudes = _amplitudes(moved[round(system.scenario.settle / step) :], step)
+    moved = signals[:, [names.index(name) for name in system.roles["tip_uncompensated"]]]
+    amplitudes = _amplitudes(moved[round(system.scenario.warm_up / step) :], step)
     # One sample more: n samples of a recording last n - 1 periods.
     total: FloatArray = np.arange(len(signals) + 1, dtype=float) * step
     time, kept = total[:-1], np.empty((0, 0))
@@ -186,7 +186,7 @@ def find_operating_point(
     return OperatingPoint(
         names=names,
         time=time,
-        settled=system.scenario.settle,
+        settled=system.scenario.warm_up,
         signals=kept,
         amplitudes=np.sqrt(np.mean(np.abs(answers) ** 2, axis=(0, 1))),
         motion=amplitudes,

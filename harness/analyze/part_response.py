@@ -119,7 +119,7 @@ def measure_part(
     feed = _feed(part, system, operation)
     directions = list(_directions(part, system, operation, feed))
     outputs = tuple(f"{part.name}.{port.name}" for port in part.outputs)
-    step = system.scenario.step
+    step = system.scenario.step_size
     first = max(len(operation.time) - round((WINDOW + TRANSIENT) / step), 0)
     time, usual = operation.time[first:], feed.values[first:]
     response = np.zeros((len(OMEGA), len(outputs), len(directions)), dtype=complex)
@@ -197,7 +197,7 @@ def _player(
     workspace: Path,
 ) -> Iterator[tuple[_PlayPart, bool]]:
     """Provide a function that plays the part from the start of a probe, always from one state."""
-    step = system.scenario.step
+    step = system.scenario.step_size
     count = len(operation.time)
     run = RunContext(step, count, workspace)
     started: list[Part] = []

@@ -30,11 +30,11 @@ __all__ = [
 STEP = 1e-3  # s
 TONE = 9.5  # Hz
 ROLES = {
-    "moved": ["instrument.free_tip_*"],
+    "tip_uncompensated": ["instrument.free_tip_*"],
     "tip": ["instrument.tip_*"],
     "intent": ["hand.intent_*"],
-    "drive": ["controller.volts_*"],
-    "stroke": ["piezo_*.stroke"],
+    "actuator_voltage": ["controller.volts_*"],
+    "actuator_stroke": ["piezo_*.stroke"],
 }
 LOOP: list[tuple[str, PortType, str]] = [
     ("sensors.sample", "Integer", ""),

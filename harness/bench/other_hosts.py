@@ -49,12 +49,12 @@ def _harness(scenario: str, ssp: Path, folder: Path) -> Block:
     from harness.scenario.load import load
 
     def block(ticks: int) -> float:
-        overrides = {"seconds": ticks * step, "settle": 0.0}
+        overrides = {"seconds": ticks * step, "warm_up": 0.0}
         result = run(scenario, overrides=overrides, out=folder / "own", report=False)
         assert result.metadata["ticks"] == ticks
         return float(result.metadata["wall"])
 
-    step = load(scenario).step
+    step = load(scenario).step_size
     return block
 
 
@@ -83,7 +83,7 @@ class PlainLoop:
         from harness.system.assembly import assemble
 
         system = assemble(load(scenario))
-        self.step = system.scenario.step
+        self.step = system.scenario.step_size
         self.names: list[str] = []
         self.rows: list[list[float]] = []
         self._tick = 0
@@ -182,7 +182,7 @@ def open_libcosim(ssp: Path, step: float) -> Any:
 
 def _libcosim(scenario: str, ssp: Path, folder: Path) -> Block:
 
-    execution = open_libcosim(ssp, load(scenario).step)
+    execution = open_libcosim(ssp, load(scenario).step_size)
     return lambda ticks: _spent(lambda: execution.step(ticks))
 
 
@@ -191,7 +191,7 @@ def _libcosim_kept(scenario: str, ssp: Path, folder: Path) -> Block:
     from libcosimpy.CosimEnums import CosimVariableCausality, CosimVariableType
     from libcosimpy.CosimObserver import CosimObserver
 
-    execution = open_libcosim(ssp, load(scenario).step)
+    execution = open_libcosim(ssp, load(scenario).step_size)
     observer = CosimObserver.create_time_series()
     execution.add_observer(observer)
     for part in execution.slave_infos():
@@ -214,7 +214,7 @@ def open_ecos(ssp: Path, step: float) -> Any:
 
 def _ecos(scenario: str, ssp: Path, folder: Path) -> Block:
 
-    simulation = open_ecos(ssp, load(scenario).step)
+    simulation = open_ecos(ssp, load(scenario).step_size)
     return lambda ticks: _spent(lambda: simulation.step(ticks))
 
 

@@ -90,7 +90,7 @@ def runs(scenario: str, seconds: float, count: int) -> tuple[list[float], float 
 
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as folder:
         for _ in range(count):
-            overrides = {"seconds": seconds, "settle": 0.0}
+            overrides = {"seconds": seconds, "warm_up": 0.0}
             within.clear()
             run(scenario, overrides=overrides, out=folder, report=False, progress=look)
             sizes.append(_resident())

@@ -147,7 +147,7 @@ def _with_listeners(name: str, folder: Path) -> Path:
         listener = f"{_LISTENER}_{number}"
         parts[listener] = settings
         wires += [{"from": source, "to": f"{listener}.{to}"} for to, source in sources.items()]
-    table = {"extends": name, "settle": 0.0, "part": parts, "wire": wires}
+    table = {"extends": name, "warm_up": 0.0, "part": parts, "wire": wires}
     path = folder / f"{name}.toml"
     path.write_text(tomli_w.dumps(table), encoding="utf-8")
     return path
@@ -161,7 +161,7 @@ def _case(scenario: str, part: FmuPart, system: System, result: Result) -> StepC
         for port in connected
     ]
     table = np.column_stack(taken) if taken else np.empty((system.steps, 0))
-    step = system.scenario.step
+    step = system.scenario.step_size
     period = part.description.step or step
     rows = np.arange(round(len(table) * step / period)) * period / step
     listener = part.name.partition("_")[0] == _LISTENER

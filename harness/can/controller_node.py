@@ -154,7 +154,7 @@ class ControllerNode:
         self.policy = policy
         self.step = step
         self._period = step * 1e6
-        self._slack = policy.slack * 1e6
+        self._slack = policy.sample_deadline * 1e6
         self.reception = Reception(database, name, self._period)
         sent = database.sent_by(name)
         self._command = next(
@@ -214,7 +214,7 @@ class ControllerNode:
             return
         while not self.reception.ready and not stopped():
             there = now()
-            if there - begun > self.policy.patience * 1e6:
+            if there - begun > self.policy.startup_timeout * 1e6:
                 raise FaultError(self._nobody())
             if there >= beat:
                 self._beat(OPERATIONAL)
@@ -232,7 +232,7 @@ class ControllerNode:
         seen = f"heard were {', '.join(heard)}" if heard else "nothing of the DBC file was heard"
         more = f"; dropped: {counts}" if counts else ""
         return (
-            f"no complete sample within {self.policy.patience:g} s on the CAN bus "
+            f"no complete sample within {self.policy.startup_timeout:g} s on the CAN bus "
             f"({self.address}): {seen}{more}. Is the board powered, its bit rate "
             f"{self.database.bitrate:g} bit/s, and {self.database.path.name} its message set?"
         )

@@ -15,10 +15,10 @@ class Timing(StrictModel):
     Attributes:
         overrun: what happens when the loop is late: `catch-up` (every sample has its tick, at
             once), `skip` (the newest sample only, in a longer tick) or `stop`.
-        slack: how long after its time a sample is waited for [s].
-        patience: how long the board's first sample is waited for [s].
+        sample_deadline: how long after its time a sample is waited for [s].
+        startup_timeout: how long the board's first sample is waited for [s].
     """
 
     overrun: Literal["catch-up", "skip", "stop"] = "catch-up"
-    slack: Positive = 3e-3
-    patience: Positive = 5.0
+    sample_deadline: Positive = 3e-3
+    startup_timeout: Positive = 5.0

@@ -182,7 +182,8 @@ def system_tables(system: System) -> Iterator[Table | str]:
     scenario = system.scenario
     yield (
         f"[bold]{escape(scenario.title)}[/bold] ({scenario.name}): "
-        f"{system.steps * scenario.step:g} s, step {scenario.step:g} s, seed {scenario.seed}"
+        f"{system.steps * scenario.step_size:g} s, step {scenario.step_size:g} s, "
+        f"seed {scenario.seed}"
     )
     if scenario.variants:
         yield f"variants: {escape(', '.join(scenario.variants))}"

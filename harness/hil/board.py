@@ -116,7 +116,7 @@ def world_scenario(scenario: Scenario, command: Path | None = None) -> Scenario:
         )
     }
     return dataclasses.replace(
-        scenario, parts=parts, wires=tuple(wires), signals=SignalRoles(**roles), settle=0.0
+        scenario, parts=parts, wires=tuple(wires), signals=SignalRoles(**roles), warm_up=0.0
     )
 
 
@@ -261,7 +261,7 @@ def play(
     assert isinstance(board, BoardPart)
     board.faults, board.seed, board.drift = faults, seed, drift
     pace = _Pace(board, priority, ready)
-    writer = Ring.create(ring, system.columns, scenario.step) if ring is not None else None
+    writer = Ring.create(ring, system.columns, scenario.step_size) if ring is not None else None
     rig = _Rig(pace, writer)
     try:
         return perform(system, folder, rig=rig, report=False, status=status)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 __all__ = ["Monitor", "main", "start_monitor"]
 
 _HOST = "127.0.0.1"
-_ROLES = ("moved", "tip", "intent", "drive")
+_ROLES = ("tip_uncompensated", "tip", "intent", "actuator_voltage")
 _NICE = 10
 _PATIENCE = 5.0  # s that the process gets to end in order
 _START = 60.0  # s until it has to have said where it is

@@ -274,12 +274,12 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
         roles: columns by role; without `intent`, `metrics.intent_of` finds it.
     """
     homes: dict[str, Rows] = {}
-    for role in ("moved", "tip", "intent"):
+    for role in ("tip_uncompensated", "tip", "intent"):
         names = roles.get(role, ())
         for rows in rings:
             if names and set(names) <= {column.name for column in rows.columns}:
                 homes.setdefault(role, rows)
-    if not {"moved", "tip"} <= set(homes):
+    if not {"tip_uncompensated", "tip"} <= set(homes):
         return None
     known = {role: rows.samples() for role, rows in homes.items()}
     common, places = joined([numbers for numbers, _ in known.values()])
@@ -293,10 +293,15 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
             values = np.column_stack([np.interp(grid, common, each) for each in values.T])
         signals[role] = values
     step = homes["tip"].step
-    motion = Motion(step, moved=signals["moved"], tip=signals["tip"], intent=signals.get("intent"))
+    motion = Motion(
+        step,
+        tip_uncompensated=signals["tip_uncompensated"],
+        tip=signals["tip"],
+        intent=signals.get("intent"),
+    )
     intent = intent_of(motion)
     assert intent is not None  # it can be made from `moved`
-    without, error = signals["moved"] - intent, signals["tip"] - intent
+    without, error = signals["tip_uncompensated"] - intent, signals["tip"] - intent
     without, error = without - without.mean(axis=0), error - error.mean(axis=0)
     spectra = None
     if len(grid) > SPECTRUM_WINDOW / step:
@@ -347,7 +352,9 @@ def view_of(
             shift = now - float(tip.samples[-1]) * tip.step
     samples = tip.samples if tip is not None else np.empty(0)
     tip_time = np.asarray(samples * (tip.step if tip else 1.0) + (shift or 0.0) - now)
-    names = loop.names(_SENT) or tuple(name for name in roles.get("drive", ()) if loop.names(name))
+    names = loop.names(_SENT) or tuple(
+        name for name in roles.get("actuator_voltage", ()) if loop.names(name)
+    )
     mode, latency = loop.names(_MODE), loop.names(_LATENCY)
     took = loop.of(latency)[arrived] if latency else None
     return View(

@@ -230,7 +230,7 @@ class _Firmware:
         except SteadytipError as error:
             return str(error)
         count = len(applied["sample"])
-        step = self._scenario.step
+        step = self._scenario.step_size
         if not count:
             return ""
         command = self.folder / "command.parquet"
@@ -403,7 +403,7 @@ def hil(
             if board is not None:
                 stack.callback(board.abandon)
             if rings is not None:
-                ring = Ring.create(rings / _LOOP_RING, system.columns, checked.step)
+                ring = Ring.create(rings / _LOOP_RING, system.columns, checked.step_size)
                 shown = [rings / _LOOP_RING, *[rings / _BOARD_RING] * isinstance(board, _Board)]
                 known = _signals(checked, moved=path is not None)
                 page = stack.enter_context(start_monitor(shown, known, port))
@@ -474,7 +474,7 @@ def _rig(
     settings = system.scenario.hil
     feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
     if not feeds:
-        clock = _Clock(system.scenario.step, settings)
+        clock = _Clock(system.scenario.step_size, settings)
         return _Rig(clock, None, None, board, folder, system, ring)
     (feed,) = feeds
     feed.policy = settings

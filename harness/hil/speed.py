@@ -80,7 +80,7 @@ def loop_figures(
     """
     overrides: dict[str, Any] = {
         "seconds": seconds,
-        "settle": 0.0,
+        "warm_up": 0.0,
         "hil.priority": priority,
         "hil.board": link.board,
         "part.sensors.interface": link.interface,

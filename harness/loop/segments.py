@@ -35,7 +35,7 @@ def adjust(system: System, events: Sequence[Event]) -> None:
         try:
             part.adjust(changes)
         except FaultError as error:
-            t = events[0].tick * system.scenario.step
+            t = events[0].tick * system.scenario.step_size
             text = f"part '{part.name}' ended the run at t = {t:.6g} s: {error}"
             raise PartError(part.name, t, text) from None
 

@@ -46,21 +46,25 @@ def figures(
     intent = intent_of(motion)
     if motion.tip is not None and intent is not None:
         curves: dict[str, FloatArray] = {"with compensation": motion.tip}
-        if motion.moved is not None:
-            curves = {"without compensation": motion.moved} | curves
+        if motion.tip_uncompensated is not None:
+            curves = {"without compensation": motion.tip_uncompensated} | curves
         yield _errors(time, motion.settle, curves, intent)
         yield _zoom(time, curves, intent)
-    if motion.tip is not None and motion.moved is not None:
-        spectrum = _spectra(motion.moved, motion.tip, motion)
+    if motion.tip is not None and motion.tip_uncompensated is not None:
+        spectrum = _spectra(motion.tip_uncompensated, motion.tip, motion)
         if spectrum is not None:
             yield spectrum
-        attenuation = _attenuation(motion.moved, motion.tip, motion)
+        attenuation = _attenuation(motion.tip_uncompensated, motion.tip, motion)
         if attenuation is not None:
             yield attenuation
-    if motion.drive is not None:
-        yield _voltages(time, motion.drive)
-    if motion.drive is not None and stroke is not None and stroke.shape == motion.drive.shape:
-        yield _hysteresis(motion, motion.drive, stroke, delays)
+    if motion.actuator_voltage is not None:
+        yield _voltages(time, motion.actuator_voltage)
+    if (
+        motion.actuator_voltage is not None
+        and stroke is not None
+        and stroke.shape == motion.actuator_voltage.shape
+    ):
+        yield _hysteresis(motion, motion.actuator_voltage, stroke, delays)
     if motion.attitude_true is not None and motion.attitude_estimated is not None:
         angle = angle_between(motion.attitude_true, motion.attitude_estimated) * _DEGREES
         text = "Angle of the rotation from the true to the estimated attitude"

@@ -34,12 +34,12 @@ def _start_values(part: dict[str, Any]) -> str:
 
 def _content(result: Result) -> dict[str, Any]:
     metadata = result.metadata
-    drive = metadata["roles"].get("drive", ())
+    drive = metadata["roles"].get("actuator_voltage", ())
     delays = tuple(metadata["delays"].get(name, 0) for name in drive)
     ticks = len(result.time)
     drawn = (
         [
-            *figures(result.time, motion_of(result), result.role("stroke"), delays),
+            *figures(result.time, motion_of(result), result.role("actuator_stroke"), delays),
             *consistency_plots(result.consistency),
         ]
         if ticks > 1

@@ -75,10 +75,10 @@ class Motion:
         settle: left out at the start [s].
         ticks: samples of the run, where `wall` is given.
         wall: wall-clock time that they took [s].
-        moved: x, (n, 3) [m].
+        tip_uncompensated: x, (n, 3) [m].
         tip: y, (n, 3) [m].
         intent: v, (n, 3) [m]; None: obtained from x by `lp`.
-        drive: voltages, (n, k) [V].
+        actuator_voltage: voltages, (n, k) [V].
         attitude_true: q_WB, (n, 4), scalar first.
         attitude_estimated: q_WB, (n, 4), scalar first.
         position_true: in W, (n, 3) [m].
@@ -90,10 +90,10 @@ class Motion:
     settle: float = 0.0
     ticks: int = 0
     wall: float | None = None
-    moved: FloatArray | None = None
+    tip_uncompensated: FloatArray | None = None
     tip: FloatArray | None = None
     intent: FloatArray | None = None
-    drive: FloatArray | None = None
+    actuator_voltage: FloatArray | None = None
     attitude_true: FloatArray | None = None
     attitude_estimated: FloatArray | None = None
     position_true: FloatArray | None = None
@@ -119,10 +119,10 @@ def motion_of(result: RecordedSignals) -> Motion:
         settle=metadata["settle"],
         ticks=len(result.time),
         wall=metadata.get("wall"),
-        moved=result.role("moved"),
+        tip_uncompensated=result.role("tip_uncompensated"),
         tip=result.role("tip"),
         intent=None if replayed else result.role("intent"),
-        drive=result.role("drive"),
+        actuator_voltage=result.role("actuator_voltage"),
         attitude_true=result.role("attitude_true"),
         attitude_estimated=result.role("attitude_estimated"),
         position_true=result.role("position_true"),
@@ -138,7 +138,13 @@ def metrics_of(motion: Motion) -> dict[str, Metric]:
     second, or there is no tremor to be reduced.
     """
     truths = (motion.attitude_true, motion.position_true)
-    signals = (motion.tip, motion.moved, motion.drive, *truths, motion.saturated)
+    signals = (
+        motion.tip,
+        motion.tip_uncompensated,
+        motion.actuator_voltage,
+        *truths,
+        motion.saturated,
+    )
     samples = max((len(s) for s in signals if s is not None), default=0)
     first = round(motion.settle / motion.step)
     metrics: dict[str, Metric] = {}
@@ -154,10 +160,10 @@ def intent_of(motion: Motion) -> FloatArray | None:
     """v, (n, 3) [m]: given, or lp(x); None without either."""
     if motion.intent is not None:
         return motion.intent
-    if motion.moved is None:
+    if motion.tip_uncompensated is None:
         return None
     lowpass = _filter(_INTENT_ORDER, _INTENT_CORNER, "lowpass", motion.step)
-    return _zero_phase(lowpass, motion.moved, motion.step)
+    return _zero_phase(lowpass, motion.tip_uncompensated, motion.step)
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -216,7 +222,7 @@ def _reduction_by_axis(left: FloatArray, before: FloatArray) -> float | None:
 
 
 def _tip(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
-    x, y, v = motion.moved, motion.tip, intent_of(motion)
+    x, y, v = motion.tip_uncompensated, motion.tip, intent_of(motion)
     low, high = TREMOR_BAND
     band = (
         f"the zero-phase {low:g} to {high:g} Hz Butterworth band-pass "
@@ -284,8 +290,8 @@ def _tip(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
 
 
 def _drive(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
-    if motion.drive is not None:
-        volts = motion.drive[after]
+    if motion.actuator_voltage is not None:
+        volts = motion.actuator_voltage[after]
         about = volts - volts.mean(axis=0)
         yield (
             "drive_rms",

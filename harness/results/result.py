@@ -25,6 +25,7 @@ from harness.recordings.run_record import (
     record_file,
     values_of,
 )
+from harness.scenario.old_names import OLD_ROLES
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -61,7 +62,10 @@ class Result:
     @cached_property
     def metadata(self) -> Mapping[str, Any]:
         """About the run: scenario, roles, parts with their FMUs, seeds, versions, how it ended."""
-        return read_metadata(self._schema)
+        found = read_metadata(self._schema)
+        if "roles" in found:
+            found["roles"] = {OLD_ROLES.get(k, k): names for k, names in found["roles"].items()}
+        return found
 
     @property
     def error(self) -> str | None:

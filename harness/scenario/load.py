@@ -16,6 +16,7 @@ from harness.common.errors import ProblemsError, nearest
 from harness.common.files import is_path
 from harness.parts.kinds import kinds
 from harness.scenario.merge import merge_tables, nest_keys
+from harness.scenario.old_names import with_new_names
 from harness.scenario.problems import kind_problems, sentence
 from harness.scenario.schema import PartSettings, PartTable, Scenario, ScenarioTable, Wire
 
@@ -26,7 +27,7 @@ _SHIPPED = files("harness.scenario") / "library"
 
 
 def available() -> list[str]:
-    """Names of the scenarios that come with the package."""
+    """Return the names of the scenarios that come with the package."""
     return sorted(Path(str(item)).stem for item in _SHIPPED.iterdir() if item.name[-5:] == ".toml")
 
 
@@ -47,16 +48,16 @@ def load(
         SteadytipError: a file is missing or not TOML, or extends itself; no such variant.
     """
     path = _locate(scenario, Path())
-    table, texts = _read(path, ())
+    notes: list[str] = []
+    table, texts = _read(path, (), notes)
     variants = table.pop("variant", {})
     if variant is not None:
         if variant not in variants:
             hint = nearest(variant, variants) if variants else "it has none."
             raise SteadytipError(f"{path.name} has no variant '{variant}'; {hint}")
         table = merge_tables(table, variants[variant])
-    return _checked(
-        table, dict(overrides or {}), path, os.fspath(scenario), texts, variant, variants
-    )
+    given = os.fspath(scenario)
+    return _checked(table, dict(overrides or {}), path, given, texts, variant, variants, notes)
 
 
 def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
@@ -77,6 +78,7 @@ def with_values(scenario: Scenario, values: Mapping[str, Any]) -> Scenario:
         scenario.texts,
         scenario.variant,
         dict.fromkeys(scenario.variants),
+        list(scenario.notes),
     )
 
 
@@ -88,10 +90,12 @@ def _checked(
     texts: tuple[tuple[str, str], ...],
     variant: str | None,
     variants: Mapping[str, Any],
+    notes: list[str],
 ) -> Scenario:
     problems: list[str] = []
     if overrides:
-        table = merge_tables(table, _resolved(nest_keys(overrides, problems), Path(), "overrides"))
+        above = _resolved(nest_keys(overrides, problems), Path(), "overrides", notes)
+        table = merge_tables(table, above)
     parts = table.get("part")
     if isinstance(parts, dict):
         problems += [text for name, part in parts.items() for text in kind_problems(name, part)]
@@ -112,8 +116,8 @@ def _checked(
         table=table,
         title=checked.title or path.stem,
         seconds=checked.seconds,
-        step=checked.step,
-        settle=checked.settle,
+        step_size=checked.step_size,
+        warm_up=checked.warm_up,
         seed=checked.seed,
         parts={name: _part(part) for name, part in checked.part.items()},
         wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
@@ -126,6 +130,7 @@ def _checked(
         overrides=overrides,
         variant=variant,
         variants=tuple(variants),
+        notes=tuple(notes),
     )
 
 
@@ -145,8 +150,10 @@ def _locate(scenario: str | os.PathLike[str], folder: Path) -> Path:
     return path
 
 
-def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tuple[str, str], ...]]:
-    """Table of a scenario with everything that it extends, and the texts of all files."""
+def _read(
+    path: Path, seen: tuple[Path, ...], notes: list[str]
+) -> tuple[dict[str, Any], tuple[tuple[str, str], ...]]:
+    """Return the table of a scenario with all that it extends, and the texts of all files."""
     if path.resolve() in seen:
         chain = " -> ".join(item.name for item in (*seen, path))
         raise SteadytipError(f"{path.name}: 'extends' goes round in a circle: {chain}")
@@ -165,15 +172,16 @@ def _read(path: Path, seen: tuple[Path, ...]) -> tuple[dict[str, Any], tuple[tup
     below: dict[str, Any] = {}
     texts: dict[tuple[str, str], None] = {}  # in order, each once
     for base in bases:
-        found, read = _read(_locate(base, path.parent), (*seen, path.resolve()))
+        found, read = _read(_locate(base, path.parent), (*seen, path.resolve()), notes)
         below = merge_tables(below, found)
         texts |= dict.fromkeys(read)
     texts[path.name, text] = None
-    return merge_tables(below, _resolved(table, path.parent, path.name)), tuple(texts)
+    return merge_tables(below, _resolved(table, path.parent, path.name, notes)), tuple(texts)
 
 
-def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]:
-    """Return the table with the paths in its parts made independent of where it stands."""
+def _resolved(table: dict[str, Any], folder: Path, where: str, notes: list[str]) -> dict[str, Any]:
+    """Return the table under new names, its parts' paths independent of where it stands."""
+    table = with_new_names(table, where, notes)
     parts = table.get("part", {})
     if not isinstance(parts, dict) or not all(isinstance(part, dict) for part in parts.values()):
         raise SteadytipError(f"{where}: 'part' holds tables, as in [part.hand]")
@@ -191,7 +199,7 @@ def _resolved(table: dict[str, Any], folder: Path, where: str) -> dict[str, Any]
             for name, part in parts.items()
         },
         "variant": {
-            name: _resolved(variant, folder, f"{where}, variant {name}")
+            name: _resolved(variant, folder, f"{where}, variant {name}", notes)
             for name, variant in variants.items()
         },
         "sweep": _with_paths(table.get("sweep"), folder),

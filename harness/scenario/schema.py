@@ -7,8 +7,8 @@ A scenario is TOML. Keys of the file:
 | title | | one line for people |
 | extends | | scenario that this one changes, or a list of them, one laid over the other |
 | seconds | s | simulated time |
-| step | s | period of the loop |
-| settle | s | left out of the metrics at the start |
+| step_size | s | period of the loop |
+| warm_up | s | left out of the metrics at the start |
 | seed | | all randomness of the run follows from it |
 | part.NAME | | one member of the loop: one key of `harness.parts.kinds.kinds()`, and its settings |
 | variant.NAME | | what one variant changes, as `extends` does; `steadytip run` compares them |
@@ -53,7 +53,7 @@ __all__ = [
 ]
 
 SHORTEST_EVALUATION = 1.0
-"""Seconds that have to be left after `settle`; less is no basis for a figure of merit."""
+"""Seconds that have to be left after `warm_up`; less is no basis for a figure of merit."""
 NIS_OUTPUT = "innovation_squared"
 """Output with which an estimator tells how large its corrections are; see `results.consistency`."""
 
@@ -85,11 +85,11 @@ class SignalRoles(StrictModel):
     """Roles that recorded ports play for the metrics and the report; every one may be missing.
 
     Attributes:
-        moved: tip if nothing compensated it (3), m in W.
+        tip_uncompensated: tip if nothing compensated it (3), m in W.
         tip: tip with compensation (3), m in W.
         intent: what the hand wants to do (3), m in W.
-        drive: voltages of the actuators (n), V.
-        stroke: what the actuators make of them (n), m.
+        actuator_voltage: of the actuators (n), V.
+        actuator_stroke: displacement of the actuators (n), m.
         attitude_true: quaternion q_WB of the plant (4), scalar first.
         attitude_estimated: the same as estimated (4).
         position_true: position that an estimator is after (3), m in W.
@@ -97,11 +97,11 @@ class SignalRoles(StrictModel):
         saturated: true while a command is at its limit (1).
     """
 
-    moved: Ports | None = None
+    tip_uncompensated: Ports | None = None
     tip: Ports | None = None
     intent: Ports | None = None
-    drive: Ports | None = None
-    stroke: Ports | None = None
+    actuator_voltage: Ports | None = None
+    actuator_stroke: Ports | None = None
     attitude_true: Ports | None = None
     attitude_estimated: Ports | None = None
     position_true: Ports | None = None
@@ -157,8 +157,8 @@ class PartSettings(BaseModel):
 class ScenarioTable(StrictModel):
     title: str = ""
     seconds: Positive
-    step: Positive
-    settle: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
+    step_size: Positive
+    warm_up: float = Field(default=0.0, ge=0.0, allow_inf_nan=False)
     seed: int = Field(default=1, ge=0)
     part: dict[str, PartSettings]
     wire: list[WireTable] = Field(default_factory=list)
@@ -203,14 +203,15 @@ class Scenario:
         overrides: what replaced values of the files.
         variant: which of the file's variants this is; None if it is none of them.
         variants: all of them.
+        notes: what the user should know of its files, as old names of keys.
     """
 
     name: str
     given: str
     title: str
     seconds: float
-    step: float
-    settle: float
+    step_size: float
+    warm_up: float
     seed: int
     parts: Mapping[str, PartTable]
     wires: tuple[Wire, ...]
@@ -224,3 +225,4 @@ class Scenario:
     overrides: Mapping[str, Any] = field(default_factory=dict)
     variant: str | None = None
     variants: tuple[str, ...] = ()
+    notes: tuple[str, ...] = ()

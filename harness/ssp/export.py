@@ -138,7 +138,7 @@ def _structure(
     root = markup.element(
         "ssd",
         name=scenario.name,
-        description=_timing(scenario.step, parts, connections),
+        description=_timing(scenario.step_size, parts, connections),
         generationTool=f"Steadytip {fmu_src.__version__}",
     )
     inner = etree.SubElement(
@@ -165,7 +165,7 @@ def _structure(
     etree.SubElement(
         root,
         markup.tag("ssd", "DefaultExperiment"),
-        {"startTime": "0.0", "stopTime": repr(system.steps * scenario.step)},
+        {"startTime": "0.0", "stopTime": repr(system.steps * scenario.step_size)},
     )
     return root
 

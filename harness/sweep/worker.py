@@ -43,7 +43,7 @@ _SYSTEMS = 4
 """Systems that are held ready; of one recording each, or of one value of what wires depend on."""
 FIXED = frozenset({"flavour", "parameters", "isolate", "step_limit", "motion", "innovation_size"})
 """Settings of an FMU part that are no start values."""
-LENGTHS = frozenset({"seconds", "settle"})
+LENGTHS = frozenset({"seconds", "warm_up"})
 """What can differ without another container."""
 
 
@@ -128,10 +128,10 @@ class _Rig:
         self.system = self.made if container is None else fuse(self.made, container=container)
         # Last: nobody would remove it if what is above failed.
         self._room = tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True)
-        self.run = RunContext(scenario.step, self.made.steps, Path(self._room.name))
+        self.run = RunContext(scenario.step_size, self.made.steps, Path(self._room.name))
         metadata = {
-            "step": scenario.step,
-            "settle": scenario.settle,
+            "step": scenario.step_size,
+            "settle": scenario.warm_up,
             "roles": {role: list(names) for role, names in self.made.roles.items()},
             "motions": {name: path.name for name, path in self.made.motions.items()},
             "parts": dict.fromkeys(self.made.parts),
@@ -180,7 +180,11 @@ class _Rig:
     def go(self, case: Case) -> LoopOutcome:
         """Run, from a saved state where there is one."""
         problems: list[str] = []
-        unconnected, parts, step = self.made.wiring.unconnected, self.made.parts, self.scenario.step
+        unconnected, parts, step = (
+            self.made.wiring.unconnected,
+            self.made.parts,
+            self.scenario.step_size,
+        )
         own = events_of(case.all_changes, parts, unconnected, step, problems)
         if problems:
             raise ProblemsError(self.scenario.name, problems)

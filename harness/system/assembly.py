@@ -131,7 +131,7 @@ def assemble(
     wires, problems = insert_faults(wires, parts, scenario.faults)
     wiring = connect(where, parts, wires)
     changes = [*scenario.changes, *(c for fault in scenario.faults for c in fault.changes())]
-    events = events_of(changes, parts, wiring.unconnected, scenario.step, problems)
+    events = events_of(changes, parts, wiring.unconnected, scenario.step_size, problems)
     if problems:
         raise ProblemsError(where, problems)
     seconds, notes = _duration(scenario, parts)
@@ -143,8 +143,14 @@ def assemble(
         step_limits={name: scenario.parts[_owner(name, scenario)].step_limit for name in parts},
         roles=roles(scenario, columns),
         motions=motions,
-        steps=max(1, int(seconds / scenario.step + 1e-6)),
-        notes=(*notes, *crossing, *_silent_estimators(scenario, columns), *wiring.notes),
+        steps=max(1, int(seconds / scenario.step_size + 1e-6)),
+        notes=(
+            *scenario.notes,
+            *notes,
+            *crossing,
+            *_silent_estimators(scenario, columns),
+            *wiring.notes,
+        ),
         events=events,
     )
 
@@ -252,9 +258,9 @@ def _duration(scenario: Scenario, parts: Mapping[str, Part]) -> tuple[float, lis
             f"the run is {seconds:g} s long instead of {scenario.seconds:g} s: "
             f"'{shortest.name}' has no more"
         )
-    if seconds - scenario.settle < SHORTEST_EVALUATION:
+    if seconds - scenario.warm_up < SHORTEST_EVALUATION:
         notes.append(
-            f"no figures of merit: 'settle' = {scenario.settle:g} s leaves less than "
+            f"no figures of merit: 'warm_up' = {scenario.warm_up:g} s leaves less than "
             f"{SHORTEST_EVALUATION:g} s of {seconds:g} s"
         )
     return seconds, notes

@@ -209,4 +209,4 @@ def _plan(
         if link.source_part in members and link.target_part in members
     ]
     models = [(part, str(system.scenario.parts[part].settings["fmu"])) for part in members]
-    return Plan(name, models, links, system.scenario.step, starts)
+    return Plan(name, models, links, system.scenario.step_size, starts)

@@ -13,7 +13,7 @@ __all__ = ["roles"]
 
 
 _COUNTS = {
-    "moved": 3,
+    "tip_uncompensated": 3,
     "tip": 3,
     "intent": 3,
     "attitude_true": 4,

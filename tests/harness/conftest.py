@@ -85,7 +85,7 @@ def write_scenario(tmp_path: Path, probe: Path) -> WriteScenario:
     """Writes a scenario; `PROBE` in its text stands for the probe's FMU."""
 
     def write(
-        text: str, name: str = "case.toml", head: str = "seconds = 1.0\nstep = 1e-3\n"
+        text: str, name: str = "case.toml", head: str = "seconds = 1.0\nstep_size = 1e-3\n"
     ) -> Path:
         path = tmp_path / name
         path.write_text(head + text.replace("PROBE", f'"{probe.as_posix()}"'))

@@ -14,7 +14,7 @@ import pytest
 
 from fmu_src.pack import build
 from fmu_src.pack.compiler import COMMAND, FOLDER, TARGETS, host
-from harness.validation import validate as verdict as _verdict  # noqa: F401 - registers the checks
+from harness.validation import validate as _validate  # noqa: F401 - registers the checks
 from harness.validation.checks import FILES
 from harness.validation.files import Fmu
 from tests.contract.conftest import Instance

@@ -96,7 +96,7 @@ def test_conditions_of_the_parameters_are_warnings_when_they_are_false(
 
     scenario = tmp_path / "one.toml"
     scenario.write_text(
-        'seconds = 0.05\nstep = 1e-3\n[part.inverse]\nfmu = "InversePrandtlIshlinskii"\n'
+        'seconds = 0.05\nstep_size = 1e-3\n[part.inverse]\nfmu = "InversePrandtlIshlinskii"\n'
         f'flavour = "{flavour}"\nisolate = {str(isolate).lower()}\n'
     )
     for thresholds, expected in (({}, []), ({"part.inverse.hysteresis.thresholds[4]": 8.0}, [1])):

@@ -34,7 +34,7 @@ def run(folder: Path, quick: bool) -> Callable[[str], Any]:
     """Return a function that runs one of the two and returns its result."""
 
     def run(row: str) -> Any:
-        overrides = {"seconds": 1.0 if quick else _SECONDS, "settle": 0.0}
+        overrides = {"seconds": 1.0 if quick else _SECONDS, "warm_up": 0.0}
         place = folder / "container"
         fused = row == _FUSED
         return run_scenario(_SCENARIO, overrides=overrides, fuse=fused, out=place, report=False)
@@ -51,7 +51,7 @@ def case(run: Callable[[str], Any], quick: bool) -> StepCase:
     assert isinstance(part, FmuPart)
     count = 500 if quick else 5000
     table = np.empty((count, 0))
-    step = system.scenario.step
+    step = system.scenario.step_size
     return StepCase(_FUSED, part.description, part.start_values, (), table, step, _SCENARIO)
 
 

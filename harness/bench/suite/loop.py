@@ -59,7 +59,7 @@ def bench_tick(
     if isinstance(process, str):
         pytest.skip(process)
     ticks = 500 if bench.quick else 2000
-    step = load(_SCENARIO).step
+    step = load(_SCENARIO).step_size
     spent = bench.time(
         name,
         _TICK,

@@ -31,7 +31,7 @@ Display.progress = progress
 {_COMMAND}
 """
 _RUN = ("run", "closed_loop", "--no-report", "--quiet")
-_TICK = ("--seconds", "0.001", "--set", "settle=0")
+_TICK = ("--seconds", "0.001", "--set", "warm_up=0")
 _ARGUMENTS = {
     "Python alone": ("-c", "pass"),
     "import steadytip": ("-c", "import steadytip"),

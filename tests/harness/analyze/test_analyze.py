@@ -90,9 +90,9 @@ def body(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 ROLES = """
 [signals]
-moved = "frame.moved_*"
+tip_uncompensated = "frame.moved_*"
 tip   = "frame.tip_*"
-drive = "gain_*.y"
+actuator_voltage = "gain_*.y"
 """
 SENSE = "".join(f'[[wire]]\nfrom = "frame.sensed_{axis}"\nto = "gain_{axis}.u"\n' for axis in "xyz")
 Write = Callable[..., Path]
@@ -112,7 +112,7 @@ def write(body: Path, probe: Path, tmp_path: Path) -> Write:
     ) -> Path:
         path = tmp_path / "case.toml"
         text = (
-            f'seconds = 2.0\nstep = {STEP}\n[part.frame]\nfmu = "{body.as_posix()}"\n'
+            f'seconds = 2.0\nstep_size = {STEP}\n[part.frame]\nfmu = "{body.as_posix()}"\n'
             f"share = {share}\n"
         )
         for axis in "xyz":
@@ -285,15 +285,17 @@ def test_missing_roles_are_named_all_at_once(write):
         analyze(write(roles=""))
     assert [
         f"signals.{role}" in text
-        for role, text in zip(("moved", "tip"), caught.value.problems, strict=True)
+        for role, text in zip(("tip_uncompensated", "tip"), caught.value.problems, strict=True)
     ] == [True, True]
 
 
 def test_a_loop_without_a_word_on_its_command_is_opened_at_the_delayed_wire(write, quick):
-    roles = "\n".join(line for line in ROLES.splitlines() if "drive" not in line)
+    roles = "\n".join(line for line in ROLES.splitlines() if "actuator_voltage" not in line)
     found = analyze(write(roles=roles))
     assert np.abs(found.from_parts - found.measured).max() < 1e-6
-    with pytest.raises(ProblemsError, match=r"signals\.drive is missing, and no wire has a delay"):
+    with pytest.raises(
+        ProblemsError, match=r"signals\.actuator_voltage is missing, and no wire has a delay"
+    ):
         analyze(write(roles=roles, sense="", delay=0))
 
 

@@ -167,7 +167,7 @@ def test_the_plain_loop_is_the_harness_to_the_bit(tmp_path):
     loop = other_hosts.PlainLoop("closed_loop", tmp_path)
     loop.run(100)
     loop.run(ticks - 100)
-    overrides = {"seconds": ticks * loop.step, "settle": 0.0}
+    overrides = {"seconds": ticks * loop.step, "warm_up": 0.0}
     own = steadytip.run("closed_loop", overrides=overrides, out=tmp_path / "own", report=False)
     rows = np.array(loop.rows)
     assert rows.shape == (ticks, len(own.table.column_names) - 1)

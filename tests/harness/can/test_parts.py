@@ -38,7 +38,7 @@ def test_the_world_leaves_the_loop_and_the_command_goes_over_the_bus() -> None:
     assert ("sensors.volts_a2y -> estimator.volts_a2y", 0) in links(system)
     assert ("sensors.valid -> estimator.inertial_valid", 0) in links(system)
     assert system.wiring.order[-1] == "sensors.command"
-    assert set(system.roles) == {"drive", "attitude_estimated", "saturated"}
+    assert set(system.roles) == {"actuator_voltage", "attitude_estimated", "saturated"}
 
 
 def test_a_wire_to_the_command_itself_is_taken_as_it_is(tmp_path) -> None:
@@ -89,7 +89,7 @@ def test_the_board_sees_the_same_scenario_from_the_other_end() -> None:
 
 def test_the_world_with_the_commands_of_a_run_is_where_the_tip_was(tmp_path) -> None:
     """What is computed for a board that keeps no world of its own."""
-    overrides = {"seconds": 1.0, "settle": 0.0}
+    overrides = {"seconds": 1.0, "warm_up": 0.0}
     run = st.run("closed_loop", overrides=overrides, out=tmp_path / "run", report=False)
     names = [f"controller.volts_{i}" for i in (1, 2, 3)]
     acts = [np.concatenate([[run.signals(n)[0]], run.signals(n)[:-1]]) for n in names]
@@ -112,7 +112,8 @@ def test_the_world_with_the_commands_of_a_run_is_where_the_tip_was(tmp_path) -> 
 def test_a_scenario_that_does_not_say_what_the_board_stands_for(tmp_path) -> None:
     path = tmp_path / "rig.toml"
     path.write_text(
-        'seconds = 1.0\nstep = 1e-3\n[part.sensors]\ncan = "instrument"\ninterface = "unixbus"\n'
+        "seconds = 1.0\nstep_size = 1e-3\n"
+        '[part.sensors]\ncan = "instrument"\ninterface = "unixbus"\n'
     )
     with pytest.raises(SteadytipError, match=r"part\.sensors\.stands_for"):
         board_scenario(load(path), None, None)
@@ -122,11 +123,13 @@ def test_a_scenario_that_does_not_say_what_the_board_stands_for(tmp_path) -> Non
 def recorded(write_scenario, tmp_path):
     """A run, and a scenario that plays a part of it."""
     text = "[part.a]\nfmu = PROBE\n"
-    run = st.run(write_scenario(text, head="seconds = 0.05\nstep = 1e-3\n"), out=tmp_path / "r")
+    run = st.run(
+        write_scenario(text, head="seconds = 0.05\nstep_size = 1e-3\n"), out=tmp_path / "r"
+    )
 
     def play(extra: str = "", step: str = "1e-3"):
         more = f'[part.b]\nrecorded = "{run.file.as_posix()}"\n{extra}'
-        head = f"seconds = 9.0\nstep = {step}\n"
+        head = f"seconds = 9.0\nstep_size = {step}\n"
         return run, write_scenario(more, name="play.toml", head=head)
 
     return play

@@ -48,7 +48,7 @@ def test_what_only_metrics_and_report_need_is_not_loaded_before_the_first_step(
         "loop.Loop._laid_out = lambda self: print('loaded', *sys.modules) or begin(self)\n"
         "from harness.cli.main import main; main()"
     )
-    path = write_scenario("[part.a]\nfmu = PROBE\n", head="seconds = 0.01\nstep = 1e-3\n")
+    path = write_scenario("[part.a]\nfmu = PROBE\n", head="seconds = 0.01\nstep_size = 1e-3\n")
     command = [sys.executable, "-c", code, "run", str(path), "--out", str(tmp_path / "out")]
     done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
     (line,) = [text for text in done.stdout.splitlines() if text.startswith("loaded ")]

@@ -61,7 +61,7 @@ def rows_of(table, values, begin: int = 0) -> Rows:
 
 NAMES = {
     role: tuple(f"{ROLES[role][0][:-1]}{axis}" for axis in "xyz")
-    for role in ("moved", "tip", "intent")
+    for role in ("tip_uncompensated", "tip", "intent")
 }
 
 
@@ -133,7 +133,7 @@ def test_a_real_board_does_not_know_its_tip() -> None:
 
 
 def test_without_an_intent_it_is_made_from_the_motion() -> None:
-    names = {role: NAMES[role] for role in ("moved", "tip")}
+    names = {role: NAMES[role] for role in ("tip_uncompensated", "tip")}
     tip = tip_of([rows_of(BOARD, board_rows(8000))], names)
     assert tip.metrics["reduction_in_band"].value == pytest.approx(70.0, abs=0.5)
     assert tip.metrics["tip_rms_uncompensated"].value == pytest.approx(38e-6, rel=0.1)

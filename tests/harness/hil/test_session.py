@@ -32,7 +32,7 @@ pytestmark = [
 ]
 ROOT = Path(__file__).parents[3]
 COMMAND = [sys.executable, "-c", "from harness.cli.main import main; main()"]
-SHORT = {"seconds": 2.0, "settle": 0.5}
+SHORT = {"seconds": 2.0, "warm_up": 0.5}
 ON_THE_WIRE = ("lost", "repeated", "crc", "range", "length", "unknown", "bus_off", "unplugged")
 """Faults that no stall of the machine brings about."""
 
@@ -198,7 +198,7 @@ def test_the_monitor_is_there_while_the_loop_runs_and_gone_afterwards(tmp_path) 
             with urllib.request.urlopen(url, timeout=10) as page:
                 pages.append((url, page.status))
 
-    overrides = {"seconds": 1.0, "settle": 0.0}
+    overrides = {"seconds": 1.0, "warm_up": 0.0}
     hil(
         "closed_loop_can",
         overrides=overrides,
@@ -225,9 +225,9 @@ def test_a_recording_plays_in_place_of_the_plants(run, tmp_path) -> None:
     try:
         overrides = {
             "seconds": 1.0,
-            "settle": 0.0,
+            "warm_up": 0.0,
             "hil.board": "none",
-            "hil.patience": 60.0,
+            "hil.startup_timeout": 60.0,
             "part.sensors.channel": channel,
         }
         again = hil("closed_loop_can", overrides=overrides, out=tmp_path / "loop", report=False)
@@ -320,7 +320,7 @@ def test_nobody_on_the_bus(tmp_path) -> None:
             "closed_loop_can",
             overrides={
                 "hil.board": "none",
-                "hil.patience": 0.3,
+                "hil.startup_timeout": 0.3,
                 "part.sensors.channel": str(tmp_path / "bus"),
             },
             out=tmp_path / "out",
@@ -336,7 +336,7 @@ def test_a_part_on_a_bus_needs_the_wall_clock(tmp_path) -> None:
 
 def test_a_loop_without_a_bus_keeps_to_the_clock(tmp_path) -> None:
     result = hil(
-        "closed_loop", overrides={"seconds": 0.5, "settle": 0.0}, out=tmp_path, report=False
+        "closed_loop", overrides={"seconds": 0.5, "warm_up": 0.0}, out=tmp_path, report=False
     )
     assert len(result.time) == 500
     assert result.metadata["wall"] > 0.49
@@ -381,7 +381,7 @@ def test_a_board_that_only_drives_gets_its_commands_by_the_clock(tmp_path) -> No
         "closed_loop",
         overrides={
             "seconds": 0.5,
-            "settle": 0.0,
+            "warm_up": 0.0,
             "part.piezo_1.can": str(dbc),
             "part.piezo_1.interface": "virtual",
             "part.piezo_1.channel": "stacks",

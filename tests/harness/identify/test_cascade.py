@@ -197,7 +197,7 @@ def test_a_recording_becomes_a_set_that_a_run_accepts(still, tmp_path, identify)
     assert not re.search(r"(src|href)\s*=\s*[\"'](?!#|data:)", page)
 
     scenario = tmp_path / "one.toml"
-    scenario.write_text('seconds = 0.1\nstep = 4e-3\n[part.filter]\nfmu = "CascadeNeural"\n')
+    scenario.write_text('seconds = 0.1\nstep_size = 4e-3\n[part.filter]\nfmu = "CascadeNeural"\n')
     result = st.run(
         scenario,
         overrides={"part.filter.parameters": str(out)},

@@ -80,7 +80,9 @@ def test_a_run_accepts_the_set(recording, tmp_path, identify):
     options = [*PLAIN, "--out", out, "--no-report", "-q"]
     assert identify.accepts("hysteresis", recording, *options) == ""
     scenario = tmp_path / "one.toml"
-    scenario.write_text('seconds = 0.1\nstep = 1e-3\n[part.stack]\nfmu = "PrandtlIshlinskii"\n')
+    scenario.write_text(
+        'seconds = 0.1\nstep_size = 1e-3\n[part.stack]\nfmu = "PrandtlIshlinskii"\n'
+    )
     result = st.run(
         scenario,
         overrides={"part.stack.parameters": str(out)},

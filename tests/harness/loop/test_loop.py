@@ -71,7 +71,7 @@ def test_a_delayed_wire_gives_the_value_of_that_many_ticks_ago(delays, write_sce
         parts += f"[part.sink{delay}]\nfmu = PROBE\n"
         parts += f'[[wire]]\nfrom = "source.count"\nto = "sink{delay}.add"\ndelay = {delay}\n'
     # Tables and arrays of tables may alternate in TOML; the order of parts is that of the file.
-    result = run(write_scenario(parts, head="seconds = 0.05\nstep = 1e-3\n"), tmp_path)
+    result = run(write_scenario(parts, head="seconds = 0.05\nstep_size = 1e-3\n"), tmp_path)
     source = result.signals("source.count")
     for delay in delays:
         heard = result.signals(f"sink{delay}.count") - np.arange(1, 51)
@@ -89,7 +89,7 @@ def test_a_delayed_ring_of_parts_integrates(write_scenario: WriteScenario, tmp_p
         '[[wire]]\nfrom = "late.count"\nto = "early.add"\ndelay = 1\n'
         '[[wire]]\nfrom = "early.count"\nto = "late.add"\n'
     )
-    result = run(write_scenario(text, head="seconds = 0.03\nstep = 1e-3\n"), tmp_path)
+    result = run(write_scenario(text, head="seconds = 0.03\nstep_size = 1e-3\n"), tmp_path)
     early, late = [], []
     for k in range(1, 31):
         early.append(k + (late[-1] if late else 0))
@@ -322,7 +322,7 @@ def test_a_kind_of_part_from_elsewhere_takes_part(tmp_path, monkeypatch, write_s
 
 @pytest.mark.parametrize("patch", ["", "harness.loop.native.library = lambda: None; "])
 def test_ctrl_c_ends_the_run_in_order(patch, write_scenario, tmp_path):
-    path = write_scenario(TWO, head="seconds = 3600.0\nstep = 1e-3\n")
+    path = write_scenario(TWO, head="seconds = 3600.0\nstep_size = 1e-3\n")
     code = f"import harness.loop.native; {patch}from harness.cli.main import main; main()"
     process = subprocess.Popen(
         [

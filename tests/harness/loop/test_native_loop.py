@@ -68,7 +68,7 @@ def test_any_ring_of_parts_gives_the_same_bits(probe, data, parts, most):
     ]
     with tempfile.TemporaryDirectory() as folder, pytest.MonkeyPatch.context() as patch:
         path = Path(folder) / "ring.toml"
-        path.write_text("seconds = 0.05\nstep = 1e-3\n" + wired(wires, parts, probe))
+        path.write_text("seconds = 0.05\nstep_size = 1e-3\n" + wired(wires, parts, probe))
         system = assemble(load(str(path)))
         records = []
         for library in (native_loop.library, lambda: None):
@@ -168,7 +168,7 @@ def test_a_tick_is_faster_than_that_of_a_plain_loop(tmp_path):
     """Each recorded, in turns: 9 to 12 times on two cores that are shared; libcosim's, 2 to 3."""
     loop = other_hosts.PlainLoop("closed_loop", tmp_path / "plain")
     ticks, plain, own = 1000, [], []
-    overrides = {"seconds": ticks * loop.step, "settle": 0.0}
+    overrides = {"seconds": ticks * loop.step, "warm_up": 0.0}
     for _ in range(3):
         begun = time.perf_counter()
         loop.run(ticks)

@@ -178,7 +178,7 @@ def running(pid: int) -> bool:
 @pytest.fixture
 def long_run(write_scenario, tmp_path):
     """A run of two isolated parts in a process of its own, under way."""
-    path = write_scenario(pair(), head="seconds = 3600.0\nstep = 1e-3\n")
+    path = write_scenario(pair(), head="seconds = 3600.0\nstep_size = 1e-3\n")
     code = "from harness.cli.main import main; main()"
     process = subprocess.Popen(
         [

@@ -182,7 +182,7 @@ def test_a_missing_recording_is_named(tmp_path):
         read_recording(tmp_path / "gone.csv")
 
 
-MOVED = 'title = "moved"\n[part.hand]\nfmu = "Hand"\n[signals]\nmoved = "hand.tip_*"\n'
+MOVED = 'title = "moved"\n[part.hand]\nfmu = "Hand"\n[signals]\ntip_uncompensated = "hand.tip_*"\n'
 
 
 def test_a_recording_moves_the_one_part_that_takes_one(write_scenario, recording, tmp_path):
@@ -194,7 +194,7 @@ def test_a_recording_moves_the_one_part_that_takes_one(write_scenario, recording
 
 
 def test_a_run_is_no_longer_than_its_recording_and_says_so(write_scenario, recording, tmp_path):
-    path = write_scenario(MOVED, head="seconds = 30.0\nstep = 1e-3\n")
+    path = write_scenario(MOVED, head="seconds = 30.0\nstep_size = 1e-3\n")
     said: list[str] = []
     result = steadytip.run(
         path, motion=recording, out=tmp_path / "out", report=False, status=said.append

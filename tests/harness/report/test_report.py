@@ -59,7 +59,9 @@ def test_attenuation_from_a_record_is_that_of_the_loop():
     moved = 1e-5 * signal.sosfilt(low_pass, generator.normal(size=(n, 3)), axis=0)
     tip = moved - 0.8 * np.vstack([np.zeros((3, 3)), moved[:-3]])
     tip += 1e-7 * generator.normal(size=(n, 3))
-    drawn = figures(np.arange(n) * step, Motion(step=step, moved=moved, tip=tip), None, ())
+    drawn = figures(
+        np.arange(n) * step, Motion(step=step, tip_uncompensated=moved, tip=tip), None, ()
+    )
     (plot,) = (plot for plot in drawn if plot.title == "Attenuation")
     left, phase = plot.figure.data
     turns = 2j * np.pi * left.x * 3e-3

@@ -29,7 +29,11 @@ def test_a_scaled_tone_is_reduced_by_its_scale_in_every_definition(scale, freque
     intent = tone(0.5, 1e-3)
     # It dies away at the ends, where any zero-phase filter has to guess what comes next.
     tremor = tone(frequency, 50e-6) * signal.windows.tukey(len(T), 0.2)[:, None]
-    given_ = {"moved": intent + tremor, "tip": intent + scale * tremor, "intent": intent}
+    given_ = {
+        "tip_uncompensated": intent + tremor,
+        "tip": intent + scale * tremor,
+        "intent": intent,
+    }
     for name in ("reduction_in_band", "reduction_in_band_axes"):
         assert value(name, **given_) == pytest.approx(100 * (1 - scale), abs=0.05)
     assert value("reduction_a_posteriori", **given_) == pytest.approx(100 * (1 - scale), abs=1e-6)
@@ -43,7 +47,7 @@ def test_a_scaled_tone_is_reduced_by_its_scale_in_every_definition(scale, freque
 def test_rms_is_over_time_and_all_three_axes_about_the_mean():
     zero = np.zeros((len(T), 3))
     tip = tone(10.0, 10e-6) * [1.0, 2.0, 0.0] + [5e-6, 0.0, 1e-3]
-    got = metrics_of(Motion(STEP, moved=2 * tip, tip=tip, intent=zero))
+    got = metrics_of(Motion(STEP, tip_uncompensated=2 * tip, tip=tip, intent=zero))
     assert got["tip_rms"].value == pytest.approx(10e-6 * np.sqrt(5 / 2), rel=1e-6)
     assert got["tip_rms_uncompensated"].value == pytest.approx(20e-6 * np.sqrt(5 / 2), rel=1e-6)
     assert got["worst_excursion"].value == pytest.approx(10e-6 * np.sqrt(5), rel=1e-4)
@@ -53,21 +57,23 @@ def test_rms_is_over_time_and_all_three_axes_about_the_mean():
 def test_what_is_not_in_the_band_does_not_count_in_band():
     tremor, drift = tone(10.0, 50e-6), tone(0.2, 1e-3)
     zero = np.zeros((len(T), 3))
-    got = {"moved": tremor, "tip": 0.5 * tremor + drift, "intent": zero}
+    got = {"tip_uncompensated": tremor, "tip": 0.5 * tremor + drift, "intent": zero}
     assert value("reduction_in_band", **got) == pytest.approx(50.0, abs=0.1)
     assert value("reduction_a_posteriori", **got) < -1000.0
 
 
 def test_a_recordings_intent_is_its_slow_part_and_the_definition_says_so():
     intent, tremor = tone(0.3, 1e-3), tone(12.0, 50e-6)
-    got = metrics_of(Motion(STEP, 2.0, moved=intent + tremor, tip=intent))
+    got = metrics_of(Motion(STEP, 2.0, tip_uncompensated=intent + tremor, tip=intent))
     metric = got["reduction_a_posteriori"]
     # butter(4) forwards and backwards lets 1 / (1 + (12 / 6)^8) of the tremor into v.
     left = 1 / (1 + 2.0**8)
     assert metric.value == pytest.approx(100 * (1 - left / (1 - left)), abs=0.5)
     assert "low-pass" in metric.definition
     assert "6 Hz" in metric.definition
-    stated = metrics_of(Motion(STEP, 2.0, moved=intent + tremor, tip=intent, intent=intent))
+    stated = metrics_of(
+        Motion(STEP, 2.0, tip_uncompensated=intent + tremor, tip=intent, intent=intent)
+    )
     assert "generator" in stated["reduction_a_posteriori"].definition
 
 
@@ -75,14 +81,14 @@ def test_filters_do_not_ring_in_from_the_ends():
     """A slow motion that begins and ends far from zero has nothing in the band."""
     ramp = np.repeat(1e-3 * (1.0 + T[:, None]), 3, axis=1)
     tremor = tone(10.0, 50e-6)
-    got = {"moved": ramp + tremor, "tip": ramp + 0.25 * tremor, "intent": ramp}
+    got = {"tip_uncompensated": ramp + tremor, "tip": ramp + 0.25 * tremor, "intent": ramp}
     short = metrics_of(Motion(STEP, 0.0, **got))["reduction_in_band"].value
     assert short == pytest.approx(75.0, abs=0.2)
 
 
 def test_a_tip_without_tremor_has_no_reduction():
     zero = np.zeros((len(T), 3))
-    got = metrics_of(Motion(STEP, moved=zero, tip=zero, intent=zero))
+    got = metrics_of(Motion(STEP, tip_uncompensated=zero, tip=zero, intent=zero))
     assert "reduction_in_band" not in got
     assert got["tip_rms"].value == 0.0
 
@@ -99,9 +105,9 @@ def test_less_than_a_second_gives_no_figures():
 
 def test_drive_figures():
     drive = 40.0 + tone(10.0, 3.0)
-    assert value("drive_rms", drive=drive) == pytest.approx(3.0 / np.sqrt(2), rel=1e-3)
+    assert value("drive_rms", actuator_voltage=drive) == pytest.approx(3.0 / np.sqrt(2), rel=1e-3)
     rate = 3.0 * 2 * np.pi * 10.0 / np.sqrt(2)
-    assert value("drive_rate", drive=drive) == pytest.approx(rate, rel=1e-3)
+    assert value("drive_rate", actuator_voltage=drive) == pytest.approx(rate, rel=1e-3)
     saturated = (np.arange(len(T)) % 4 == 0).astype(float)[:, None]
     assert value("saturated", saturated=saturated) == pytest.approx(25.0)
 

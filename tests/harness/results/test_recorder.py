@@ -98,7 +98,7 @@ def test_a_new_run_clears_what_an_older_one_left(tmp_path):
 
 
 def test_csv_has_units_in_its_header_and_every_digit(write_scenario, tmp_path):
-    path = write_scenario(ONE, head="seconds = 0.1\nstep = 1e-3\n")
+    path = write_scenario(ONE, head="seconds = 0.1\nstep_size = 1e-3\n")
     result = steadytip.run(path, out=tmp_path / "out", csv=True, report=False)
     lines = (tmp_path / "out" / "results.csv").read_text().splitlines()
     assert lines[0] == '"time [s]","a.y [m]","a.count","a.off","b.y [m]","b.count","b.off"'
@@ -133,7 +133,7 @@ def run_limited(scenario: Path, out: Path, limit: int, *more: str) -> subprocess
 @pytest.mark.skipif(sys.platform == "win32", reason="needs RLIMIT_FSIZE")
 def test_a_full_disk_ends_the_run_and_keeps_what_was_written(write_scenario, tmp_path):
     """A file may not grow beyond 100 kB: the stream of a long run does."""
-    path = write_scenario(ONE, head="seconds = 60.0\nstep = 1e-3\n")
+    path = write_scenario(ONE, head="seconds = 60.0\nstep_size = 1e-3\n")
     done = run_limited(path, tmp_path / "out", 100_000)
     assert done.returncode == 1, done.stderr
     assert "Traceback" not in done.stderr
@@ -185,7 +185,7 @@ def test_a_folder_that_cannot_be_written_to_is_named(write_scenario, tmp_path):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="needs SIGKILL")
 def test_a_killed_process_leaves_everything_but_its_last_chunk(write_scenario, tmp_path):
-    path = write_scenario(ONE, head="seconds = 3600.0\nstep = 1e-3\n")
+    path = write_scenario(ONE, head="seconds = 3600.0\nstep_size = 1e-3\n")
     code = f"import steadytip as st; st.run({str(path)!r}, out={str(tmp_path / 'out')!r})"
     process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
     stream = tmp_path / "out" / "results.arrows"

@@ -13,7 +13,7 @@ from harness.scenario.load import available, load
 from harness.system.assembly import assemble, part_seed
 from tests.harness.conftest import WriteScenario
 
-HEAD = "seconds = 2.0\nstep = 1e-3\n"
+HEAD = "seconds = 2.0\nstep_size = 1e-3\n"
 
 
 def write(folder: Path, text: str, name: str = "case.toml") -> Path:
@@ -81,7 +81,7 @@ tipp = "a.x"
         "part 'b' is several things at once (fmu, replay): keep one",
         "unknown key 'secnods'; did you mean 'seconds'?",
         "'seconds' = -1.0: input should be greater than 0",
-        "'step' = '1 ms': input should be a valid number",
+        "'step_size' = '1 ms': input should be a valid number",
         "unknown key 'wire.0.too'; did you mean 'to'?",
         "'wire.0.to' is missing",
         "'wire.0.delay' = 1.5: input should be a valid integer",
@@ -94,13 +94,13 @@ tipp = "a.x"
 
 @pytest.mark.parametrize("value", ["nan", "inf", "-1.0", "0.0", "true"])
 def test_seconds_must_be_a_positive_finite_number(value, tmp_path):
-    path = write(tmp_path, f'seconds = {value}\nstep = 1e-3\n[part.a]\nfmu = "a.fmu"\n')
+    path = write(tmp_path, f'seconds = {value}\nstep_size = 1e-3\n[part.a]\nfmu = "a.fmu"\n')
     assert problems(path)[0].startswith("'seconds' = ")
 
 
 def test_a_settle_that_leaves_nothing_is_said_before_the_run(write_scenario):
-    system = assemble(load(write_scenario("settle = 0.5\n[part.a]\nfmu = PROBE\n")))
-    text = "no figures of merit: 'settle' = 0.5 s leaves less than 1 s of 1 s"
+    system = assemble(load(write_scenario("warm_up = 0.5\n[part.a]\nfmu = PROBE\n")))
+    text = "no figures of merit: 'warm_up' = 0.5 s leaves less than 1 s of 1 s"
     assert system.notes == (text,)
 
 
@@ -137,7 +137,7 @@ to = "a.y"
 delay = 1
 """
     scenario = load(write(tmp_path, above))
-    assert (scenario.seconds, scenario.step) == (5.0, 1e-3)
+    assert (scenario.seconds, scenario.step_size) == (5.0, 1e-3)
     a = scenario.parts["a"].settings
     assert (a["gain"], a["phase"]) == (3.0, 2.0)
     # Paths belong to the file that they stand in; a bare word is no path.

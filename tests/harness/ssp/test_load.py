@@ -144,7 +144,7 @@ def test_a_flat_system_runs(load_ssd: Load, tmp_path):
     scenario = load_scenario(loaded.scenario)
     assert scenario.seconds == 1.5
     result = steadytip.run(loaded.scenario, out=tmp_path / "out", report=False)
-    assert len(result.time) == round(1.5 / scenario.step)
+    assert len(result.time) == round(1.5 / scenario.step_size)
     np.testing.assert_array_equal(result.signals("b.y"), result.signals("a.y"))
     assert sorted(p.name for p in (loaded.scenario.parent / "fmus").iterdir()) == ["probe.fmu"]
 

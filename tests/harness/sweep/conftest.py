@@ -11,8 +11,8 @@ from harness.sweep.outcome import SweepResult
 
 SMALL = """
 seconds = 1.5
-step    = 1e-3
-settle  = 0.2
+step_size    = 1e-3
+warm_up  = 0.2
 seed    = 3
 [part.sensor]
 fmu   = "DisplacementSensor"
@@ -24,7 +24,7 @@ noise = 0.0
 from = "sensor.measured"
 to   = "again.stroke"
 [signals]
-drive = "again.measured"
+actuator_voltage = "again.measured"
 """
 NOISE = "part.sensor.noise"
 WIRE = "sensor.measured"

@@ -159,7 +159,7 @@ def test_one_of_two_workers_is_killed_in_mid_run_and_no_run_is_missing(small, tm
 
 def test_a_run_that_hangs_is_lost_here_too(write_scenario, tmp_path, quiet_dask):
     text = BAD.replace("MODE", "3").replace("step_limit = 0.4", "step_limit = 50.0")
-    path = write_scenario(text, head="seconds = 1.5\nstep = 1e-3\n")
+    path = write_scenario(text, head="seconds = 1.5\nstep_size = 1e-3\n")
     with LocalCluster(n_workers=2, threads_per_worker=2, dashboard_address=":0") as local:
         more = {"scheduler": local.scheduler_address, "timeout": 2.0}
         found = swept(path, tmp_path / "out", **more)

@@ -264,7 +264,7 @@ fmu = PROBE
 u = 1.0
 step_limit = 0.4
 [signals]
-drive = "bad.count"
+actuator_voltage = "bad.count"
 [sweep]
 seeds = [1, 2]
 [sweep.vary]
@@ -287,7 +287,7 @@ seeds = [1, 2]
 def test_a_run_that_takes_its_process_along_is_lost_alone(
     write_scenario, tmp_path, mode, status, told
 ):
-    path = write_scenario(BAD.replace("MODE", str(mode)), head="seconds = 1.5\nstep = 1e-3\n")
+    path = write_scenario(BAD.replace("MODE", str(mode)), head="seconds = 1.5\nstep_size = 1e-3\n")
     found = swept(path, tmp_path / "out", workers=2)
     assert [row["status"] for row in rows(found)] == ["ok", "ok", status, status, "ok", "ok"]
     assert [number for number, _, _ in found.failed] == [2, 3]
@@ -322,7 +322,7 @@ def test_a_worker_that_is_killed_loses_its_run_only_which_is_tried_again(
 def test_a_run_that_takes_too_long_is_lost_and_the_others_are_not(write_scenario, tmp_path):
     path = write_scenario(
         BAD.replace("MODE", "3").replace("step_limit = 0.4", "step_limit = 50.0"),
-        head="seconds = 1.5\nstep = 1e-3\n",
+        head="seconds = 1.5\nstep_size = 1e-3\n",
     )
     found = swept(path, tmp_path / "out", workers=2, timeout=6.0)
     assert [row["status"] for row in rows(found)] == ["ok", "ok", "lost", "lost", "ok", "ok"]
@@ -427,7 +427,7 @@ def test_recordings_of_a_folder_vary_too(tmp_path, recording, monkeypatch):
         (folder / f"hand_{k}.csv").write_text("\n".join(lines[: 500 - 50 * k]) + "\n")
     path = tmp_path / "moved.toml"
     path.write_text(
-        'extends = "closed_loop"\nsettle = 0.2\n[sweep]\nseeds = [1, 2]\nmotions = ["hands"]\n'
+        'extends = "closed_loop"\nwarm_up = 0.2\n[sweep]\nseeds = [1, 2]\nmotions = ["hands"]\n'
     )
     found = swept(path, tmp_path / "out", workers=2)
     assert found.axes == ["motion"]
@@ -441,10 +441,11 @@ def test_recordings_of_a_folder_vary_too(tmp_path, recording, monkeypatch):
 def test_two_workers_halve_the_time_of_runs_that_wait(write_scenario, tmp_path):
     """Runs whose last step sleeps for 1.5 s: what is left to see is what the sweep itself adds."""
     text = (
-        '[part.slow]\nfmu = PROBE\nmode = 4\nat = 1.4995\n[signals]\ndrive = "slow.count"\n'
+        "[part.slow]\nfmu = PROBE\nmode = 4\nat = 1.4995\n"
+        '[signals]\nactuator_voltage = "slow.count"\n'
         "[sweep]\nseeds = 4\n"
     )
-    path = write_scenario(text, head="seconds = 1.5\nstep = 1e-3\n")
+    path = write_scenario(text, head="seconds = 1.5\nstep_size = 1e-3\n")
 
     def spent(workers: int) -> float:
         ends = []

@@ -97,10 +97,10 @@ def test_a_run_used_again_is_as_a_fresh_one_whatever_came_before(small):
 @pytest.mark.parametrize("mode", [1, 6, 2, 5], ids=["fails", "discards", "gives_nan", "is_fatal"])
 def test_after_a_run_that_failed_the_next_is_as_if_it_had_not(write_scenario, mode):
     text = (
-        '[part.bad]\nfmu = PROBE\nu = 2.0\n[signals]\ndrive = ["bad.y", "bad.count"]\n'
+        '[part.bad]\nfmu = PROBE\nu = 2.0\n[signals]\nactuator_voltage = ["bad.y", "bad.count"]\n'
         f'[sweep]\n[sweep.vary]\n"part.bad.mode" = [0, {mode}, 0]\n"part.bad.at" = [0.5]\n'
     )
-    path = write_scenario(text, head="seconds = 1.5\nstep = 1e-3\n")
+    path = write_scenario(text, head="seconds = 1.5\nstep_size = 1e-3\n")
     plan, base = laid_out(path)
     rows = [row for _, row in _performed(base, plan.cases())]
     assert [row.status for row in rows] == ["ok", "failed", "ok"]
@@ -133,14 +133,14 @@ def test_a_system_that_cannot_be_assembled_leaves_no_folder(small, tmp_path, mon
 
 def test_a_recording_may_vary(tmp_path, recording):
     scenario = scenarios.load(
-        "closed_loop", {"seconds": 1.5, "settle": 0.2, "sweep": {"motions": [str(recording)] * 2}}
+        "closed_loop", {"seconds": 1.5, "warm_up": 0.2, "sweep": {"motions": [str(recording)] * 2}}
     )
     plan = Plan(scenario, scenario.sweep, [recording])
     ((_, row),) = _performed(Base(with_places(scenario, ()), {}), [plan.case(0)])
     result = st.run(
         "closed_loop",
         motion=recording,
-        overrides={"seconds": 1.5, "settle": 0.2},
+        overrides={"seconds": 1.5, "warm_up": 0.2},
         out=tmp_path / "alone",
         report=False,
     )

@@ -19,7 +19,7 @@ from harness.validation.validate import validate
 
 pytestmark = pytest.mark.xdist_group("fused")  # its tests share what takes long
 
-SHORT = {"seconds": 1.5, "settle": 0.0}
+SHORT = {"seconds": 1.5, "warm_up": 0.0}
 STACKS = ["piezo_1", "piezo_2", "piezo_3", "instrument"]
 
 
@@ -109,7 +109,7 @@ def test_a_container_takes_the_place_of_its_parts(unfused, block, tmp_path) -> N
         for link in system.wiring.links
         if not {link.source_part, link.target_part} <= set(STACKS)
     ]
-    table = {"seconds": SHORT["seconds"], "step": loaded.step, "seed": loaded.seed}
+    table = {"seconds": SHORT["seconds"], "step_size": loaded.step_size, "seed": loaded.seed}
     file = tmp_path / "blocks.toml"
     file.write_text(tomli_w.dumps(table | {"part": parts, "wire": wires}))
     run = st.run(file, out=tmp_path / "out", report=False)
