@@ -136,10 +136,8 @@ class Params(Parameters):
     magnetometer_range = real("T", "L of the magnetometers", start=4.8e-3, min=1e-5, max=1.0)
     magnetometer_delay = real("s", "delay of the magnetometers", start=0.0, min=0.0, max=0.03)
     bits = integer("resolution of all converters", start=16, min=8, max=32)
-    gravity = real("m/s2", "gravity at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
-    field_strength = real(
-        "T", "strength F of the earth's field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
-    )
+    gravity = sampling.GRAVITY
+    field_strength = sampling.FIELD_STRENGTH
     inclination = sampling.INCLINATION
     magnet_moment = real(
         "A.m2",

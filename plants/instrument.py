@@ -68,10 +68,8 @@ class Params(Parameters):
         max=1.0,
     )
     tip = real("m", "tip in B at zero stroke", shape=3, start=design.TIP, min=-1.0, max=1.0)
-    gravity = real("m/s2", "gravity g at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
-    field_strength = real(
-        "T", "strength F of the magnetic field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
-    )
+    gravity = sampling.GRAVITY
+    field_strength = sampling.FIELD_STRENGTH
     inclination = sampling.INCLINATION
     radius = real(
         "m",

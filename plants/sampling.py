@@ -39,6 +39,10 @@ ANGULAR_ACCELERATION = real(
     "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
 )
 """Inputs: motion of a body."""
+GRAVITY = real("m/s2", "gravity g at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
+FIELD_STRENGTH = real(
+    "T", "strength F of the earth's field", start=design.MAGNETIC_FIELD, min=0.0, max=1e-3
+)
 INCLINATION = real(
     "rad",
     "dip I of the field below the horizon",
@@ -46,7 +50,7 @@ INCLINATION = real(
     min=-np.pi / 2,
     max=np.pi / 2,
 )
-"""Parameter: direction of the earth's field."""
+"""Parameters of the site."""
 LATENCY_JITTER = real("s", "rms of what is added to it", start=0.0, min=0.0, max=0.05)
 CLOCK_ERROR = real(
     "s", "by which the stated age is short of the true one", start=0.0, min=-0.1, max=0.1

@@ -48,7 +48,7 @@ def build(
         raise SteadytipError(f"flavour '{flavour}' must be one of {', '.join(FLAVOURS)}")
     folder = out or _BUILD / "fmus" / flavour
     wanted = model_names() if names is None else names
-    platforms = compiler.chosen(targets) if flavour == "native" else []
+    platforms = compiler.select_targets(targets) if flavour == "native" else []
     return {
         name: build_file(
             folder / f"{name}.fmu", [name], partial(load_model, name), flavour, platforms, progress
@@ -134,4 +134,4 @@ def _package(
         files = python_flavour.files(model, guid)
     else:
         files = native.files(model, guid, platforms)
-    return archive.packed({**files, **documents.files(model, flavour)})
+    return archive.pack({**files, **documents.files(model, flavour)})

@@ -24,11 +24,11 @@ __all__ = [
     "FOLDER",
     "TARGETS",
     "ZigTarget",
-    "chosen",
     "compile_c",
     "compile_library",
     "host",
     "host_target",
+    "select_targets",
 ]
 
 COMMAND = (sys.executable, "-m", "ziglang", "cc")
@@ -101,7 +101,7 @@ def host_target() -> ZigTarget:
     return TARGETS[host()][-1 if platform.machine() == "arm64" else 0]
 
 
-def chosen(targets: Collection[str] | None) -> list[str]:
+def select_targets(targets: Collection[str] | None) -> list[str]:
     """Return the folders to build for: this platform's by default, every one for `all`.
 
     Raises:

@@ -70,5 +70,11 @@ def build_container(
     """
     models = [model for _, model in plan.members]
     return build_file(
-        path, models, plan.contain, "native", compiler.chosen(targets), progress, plan.digest
+        path,
+        models,
+        plan.contain,
+        "native",
+        compiler.select_targets(targets),
+        progress,
+        plan.digest,
     )

@@ -37,7 +37,7 @@ def _read() -> dict[str, str]:
     for package in _packages():
         root = Path(str(package.__file__)).parent
         for file in sorted(root.rglob("*")):
-            if file.suffix in (".py", ".c"):
+            if file.suffix in (".py", ".c", ".j2"):
                 name = file.relative_to(root.parent).as_posix()
                 found[name] = file.read_text(encoding="utf-8")
     return found

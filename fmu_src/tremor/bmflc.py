@@ -109,38 +109,24 @@ def derive(p: BmflcParams, T: float) -> Factors:
     )
 
 
-def estimate(
-    p: BmflcParams, derived: Factors, position: Any, valid: Any, x: BmflcState, T: float
-) -> tuple[BmflcState, Out]:
-    """Compute one sample.
-
-    Args:
-        p: parameters.
-        derived: what `derive` makes of them.
-        position: s, (3,) [m].
-        valid: 1 to learn from this sample, 0 to let the tones run on as they are.
-        x: state.
-        T: sample period [s].
-    """
-    turned = phasors.apply(derived.turn, x.phasors)
-    gone_on = phasors.total(turned, derived.whole) - phasors.total(x.phasors, derived.whole)
-    motion, origin = phasors.count(position, valid, x.motion + gone_on, x)
-
-    high, passed = high_pass(motion, ca.tan(np.pi * p.corner * T), x.high)
-    error = valid * (passed - phasors.total(turned))
-    learnt = ca.repmat(2 * T / p.time_constant * error.T, TONES, 1)
-    following = ca.if_else(valid, derived.keep, 1.0) * turned + ca.vertcat(learnt, ca.SX(TONES, 3))
-    return (
-        BmflcState(tracked=valid, origin=origin, motion=motion, high=high, phasors=following),
-        Out(tremor=phasors.total(following, derived.ahead)),
-    )
-
-
 def step(
     p: BmflcParams, u: In, x: BmflcState, T: float, derived: Factors
 ) -> tuple[BmflcState, Out]:
-    """Compute one sample."""
-    return estimate(p, derived, u.position, u.valid, x, T)
+    """Compute one sample. While the position is not valid, the tones run on as they are."""
+    turned = phasors.apply(derived.turn, x.phasors)
+    gone_on = phasors.total(turned, derived.whole) - phasors.total(x.phasors, derived.whole)
+    motion, origin = phasors.count(u.position, u.valid, x.motion + gone_on, x)
+
+    high, passed = high_pass(motion, ca.tan(np.pi * p.corner * T), x.high)
+    error = u.valid * (passed - phasors.total(turned))
+    learnt = ca.repmat(2 * T / p.time_constant * error.T, TONES, 1)
+    following = ca.if_else(u.valid, derived.keep, 1.0) * turned + ca.vertcat(
+        learnt, ca.SX(TONES, 3)
+    )
+    return (
+        BmflcState(tracked=u.valid, origin=origin, motion=motion, high=high, phasors=following),
+        Out(tremor=phasors.total(following, derived.ahead)),
+    )
 
 
 MODEL = Model(

@@ -39,7 +39,6 @@ they are, tones of 8 to 12 Hz come out at 0.5 to 0.8 of their size and within 25
 """
 
 from functools import partial
-from typing import Any
 
 import casadi as ca
 import numpy as np
@@ -93,27 +92,12 @@ def derive(p: Surroundings, T: float) -> Factors:
     return Factors(ahead=ca.vertcat(*phasors.read_out(FREQUENCIES, 1 / MEMORY, p.horizon, undo)))
 
 
-def estimate(
-    derived: Factors, position: Any, valid: Any, x: BmflcKfState, T: float
-) -> tuple[BmflcKfState, Out]:
-    """Compute one sample.
-
-    Args:
-        derived: what `derive` makes of the parameters.
-        position: s, (3,) [m].
-        valid: 1 to learn from this sample, 0 to let the model run on.
-        x: state.
-        T: sample period [s].
-    """
-    following = FILTER.advance(position, valid, x, T)
-    return following, Out(tremor=phasors.total(following.phasors, derived.ahead))
-
-
 def step(
     p: Surroundings, u: In, x: BmflcKfState, T: float, derived: Factors
 ) -> tuple[BmflcKfState, Out]:
     """Compute one sample."""
-    return estimate(derived, u.position, u.valid, x, T)
+    following = FILTER.advance(u.position, u.valid, x, T)
+    return following, Out(tremor=phasors.total(following.phasors, derived.ahead))
 
 
 MODEL = Model(

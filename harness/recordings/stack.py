@@ -75,7 +75,7 @@ class StackResponse:
         time: (n,) [s], from 0 on, even.
         volts: (n,) [V]; volts[k] acts until the time at which stroke[k] is read.
         stroke: (n,) [m].
-        period: of the samples [s].
+        period: period of the samples [s].
         notes: sentences about what is unusual but may be right.
     """
 
@@ -161,7 +161,7 @@ def check(
         time: (n,) [s].
         volts: (n,) [V].
         stroke: (n,) [m].
-        fewest_reversals: of the voltage.
+        fewest_reversals: fewest reversals of the voltage.
         place: name of a sample.
 
     Returns:

@@ -313,7 +313,7 @@ def write_table(
         path: file to write.
         headings: one for each column, as in `volts [V]`.
         table: (rows, columns).
-        formats: of the columns in CSV, as in `%.5f`.
+        formats: formats of the columns in CSV, as in `%.5f`.
 
     Raises:
         SteadytipError: the file cannot be written.

@@ -74,7 +74,7 @@ class StaticPositions:
     Attributes:
         alpha, beta: angles of the turntable, (n,) [rad].
         volts: means, (n, channels) [V].
-        temperature: of the thermometer, (n,) [degC]; None without one.
+        temperature: temperature of the thermometer, (n,) [degC]; None without one.
         counts: rows of each mean, (n,).
         channels: names of the columns of `volts`.
         notes: sentences about what is unusual but may be right.

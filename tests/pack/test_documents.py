@@ -237,7 +237,7 @@ def test_reference_is_on_a_grid_that_ends_with_the_run() -> None:
 
 
 def test_reference_prefers_first_elements() -> None:
-    names = reference.compared(load_model("MicronEstimator"))
+    names = reference.compared_outputs(load_model("MicronEstimator"))
     assert len(names) == reference.OUTPUTS
     assert {"attitude_w", "rate_x", "tip_displacement_x", "valid"} <= set(names)
 

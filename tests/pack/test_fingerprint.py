@@ -59,6 +59,7 @@ def test_kit_and_packing_are_in_every_fmu_but_no_other_model():
         files = sources.made_of([name])
         assert {
             "fmu_src/pack/codegen/shell.c",
+            "fmu_src/pack/docs/page.html.j2",
             "fmu_src/pack/docs/page.py",
             "fmu_src/kit/model.py",
         } <= {*files}

@@ -7,16 +7,14 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import interpolate, signal
+from scipy import signal
 
 from fmu_src.kit.model import Model
 from fmu_src.kit.runner import Runner
 from fmu_src.tremor import bmflc, bmflc_kf, oscillators
-from harness.recordings.motion import read_recording, recordings
+from tests.tremor.motions import T, recorded, reductions, tones
 
-T = 1e-3
 SIZE = 20e-6
-SKIPPED = 3000
 HORIZON = 4e-3
 
 
@@ -50,13 +48,8 @@ def _run(model: Model, position: np.ndarray, parameters: dict | None = None, **i
     return run["tremor"]
 
 
-def _tones(seconds: float, frequency: float, amplitude: float = SIZE) -> np.ndarray:
-    time = np.arange(round(seconds / T)) * T
-    return amplitude * np.sin(2 * np.pi * frequency * time[:, None] + np.arange(3.0))
-
-
 def _phasor(tremor: np.ndarray, frequency: float) -> np.ndarray:
-    """Size and phase of a settled tone in units of `_tones`, whole periods of a last second."""
+    """Size and phase of a settled tone in units of `tones`, whole periods of a last second."""
     time = np.arange(len(tremor))[-1000:, None] * T
     reference = np.exp(1j * (2 * np.pi * frequency * time + np.arange(3.0)))
     return 2j * np.mean(tremor[-1000:] * reference.conj(), axis=0) / SIZE
@@ -65,7 +58,7 @@ def _phasor(tremor: np.ndarray, frequency: float) -> np.ndarray:
 @pytest.mark.parametrize("frequency", [8.0, 9.0, 10.0, 11.0, 12.0])
 @pytest.mark.parametrize("horizon", [0.0, 4e-3, 10e-3])
 def test_a_tone_comes_out_as_it_will_be_a_horizon_later(reached, frequency, horizon):
-    tremor = _run(reached.model, _tones(5.0, frequency), {"horizon": horizon})
+    tremor = _run(reached.model, tones(5.0, frequency), {"horizon": horizon})
     found = _phasor(tremor, frequency) * np.exp(-2j * np.pi * frequency * horizon)
     np.testing.assert_allclose(found, found[0], atol=1e-3)  # the axes are alike
     assert reached.gain[0] < abs(found[0]) < reached.gain[1]
@@ -75,7 +68,7 @@ def test_a_tone_comes_out_as_it_will_be_a_horizon_later(reached, frequency, hori
 @pytest.mark.parametrize("frequency", [8.0, 9.5, 12.0])
 def test_a_wash_out_ahead_of_the_filter_is_undone(reached, frequency):
     """As if the position had not been through it, but for what beside a tone answers to it."""
-    tone = _tones(6.0, frequency)
+    tone = tones(6.0, frequency)
     sections = signal.butter(3, 1.0, "highpass", fs=1 / T, output="sos")
     washed = signal.sosfilt(sections, tone, axis=0)
     plain = _phasor(_run(reached.model, tone), frequency)
@@ -90,7 +83,7 @@ def test_slow_intent_hardly_passes(reached):
     time = np.arange(10000) * T
     intent = 1e-3 * np.sin(2 * np.pi * time)
     found = _run(reached.model, np.column_stack([intent] * 3))
-    assert found[SKIPPED:].std() < reached.intent * intent.std()
+    assert found[3000:].std() < reached.intent * intent.std()
 
 
 def test_rest_and_steady_drift_are_no_tremor(reached):
@@ -104,7 +97,7 @@ def test_rest_and_steady_drift_are_no_tremor(reached):
 @given(place=st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 @pytest.mark.parametrize("model", [one.model for one in FILTERS], ids=lambda model: model.name)
 def test_where_the_motion_begins_does_not_matter(model, place):
-    tone = _tones(1.0, 10.0)
+    tone = tones(1.0, 10.0)
     np.testing.assert_allclose(_run(model, tone + np.array(place)), _run(model, tone), atol=1e-11)
 
 
@@ -114,7 +107,7 @@ def test_the_tremor_runs_on_while_the_position_is_not_valid(reached, gap, within
 
     What is put out of a tone is spread over the bank, so it holds for a fraction of a period.
     """
-    tone = _tones(6.0, 10.0)
+    tone = tones(6.0, 10.0)
     valid = np.ones(len(tone))
     valid[4000 : 4000 + gap] = 0
     position = tone.copy()
@@ -131,7 +124,7 @@ def test_the_tremor_runs_on_while_the_position_is_not_valid(reached, gap, within
 def test_a_horizon_is_the_bank_running_on(reached):
     """What is put out ahead is what comes out then, if nothing more is observed."""
     generator = np.random.default_rng(11)
-    position = _tones(1.0, 9.3) + 1e-5 * np.cumsum(generator.standard_normal((1000, 3)), axis=0)
+    position = tones(1.0, 9.3) + 1e-5 * np.cumsum(generator.standard_normal((1000, 3)), axis=0)
     valid = np.ones(1000)
     valid[900:] = 0
     later = _run(reached.model, position, valid=valid)
@@ -147,7 +140,7 @@ def test_without_any_valid_position_there_is_no_tremor(reached):
 
 def test_a_minute_brings_no_growth(reached):
     """The last second is the tenth, of a tone and of garbage that nobody believes."""
-    tone = _tones(60.0, 10.0)
+    tone = tones(60.0, 10.0)
     run = _run(reached.model, tone)
     np.testing.assert_allclose(run[-1000:], run[9000:10000], atol=0.01 * SIZE)
     runner = Runner(reached.model)
@@ -170,35 +163,12 @@ def test_nothing_in_range_makes_it_diverge(model, seed):
     assert np.abs(run).max() < 20
 
 
-def _reductions(position: np.ndarray, tremor: np.ndarray) -> tuple[float, float]:
-    """A-posteriori and in-band reduction [%], means over the axes.
-
-    A-posteriori: of the distance to the position's own 6 to 15 Hz band, second-order Butterworth
-    band-pass run both ways. In-band: of the rms in 6 to 16 Hz, fourth-order, both ways.
-    """
-
-    def band(order: int, edges: tuple[float, float], motion: np.ndarray) -> np.ndarray:
-        sections = signal.butter(order, edges, "bandpass", fs=1 / T, output="sos")
-        return signal.sosfiltfilt(sections, motion, axis=0)[SKIPPED:]
-
-    def left(after: np.ndarray, before: np.ndarray) -> float:
-        return float(np.mean(100 * (1 - after.std(axis=0) / before.std(axis=0))))
-
-    target = band(2, (6, 15), position)
-    in_band = left(band(4, (6, 16), position - tremor), band(4, (6, 16), position))
-    return left(target - tremor[SKIPPED:], target), in_band
-
-
 def _on_recordings(model: Model, data_dir: Path, horizon: float) -> np.ndarray:
     """Reductions for each raw recording, position known, (10, 2)."""
     ahead, figures = round(horizon / T), []
-    for path in recordings([data_dir / "hand_motion_m2s2"]):
-        recording = read_recording(path)
-        spline = interpolate.make_interp_spline(recording.time, recording.position, k=5)
-        position = spline(np.arange(0, recording.time[-1], T))
+    for position in recorded(data_dir):
         tremor = _run(model, position, {"horizon": horizon})
-        figures.append(_reductions(position[ahead:], tremor[: len(position) - ahead]))
-    assert len(figures) == 10
+        figures.append(reductions(position[ahead:], tremor[: len(position) - ahead]))
     return np.array(figures)
 
 

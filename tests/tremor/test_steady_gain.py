@@ -46,7 +46,7 @@ def test_filters_are_the_kalman_filter_of_their_equations(module):
         gain = P @ C / (C @ P @ C + 1.0)
         P = P - np.outer(gain, C @ P)
     kept = gain.copy()
-    intent, tones = module.gains(T)
+    intent, tones = module.FILTER.gains(T)
     half = module.TONES
     np.testing.assert_allclose(intent, kept[:n], rtol=1e-4)
     scale = np.abs(kept[n:]).max()

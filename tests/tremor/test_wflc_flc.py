@@ -6,25 +6,18 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy import interpolate, signal
+from scipy import signal
 
 from fmu_src.kit.runner import Runner
 from fmu_src.tremor import wflc_flc
+from tests.tremor.motions import T, recorded, reductions, tones
 
-T = 1e-3
-RECORDED_RATE = 250.0
 SETTLED = slice(2000, None)
 
 
 def _run(position: np.ndarray, parameters: dict | None = None, **inputs) -> dict:
     runner = Runner(wflc_flc.MODEL, parameters)
     return runner.run(len(position), {"position": position, **inputs})
-
-
-def _tones(seconds: float, frequency: float, amplitude: float = 20e-6) -> np.ndarray:
-    time = np.arange(round(seconds / T)) * T
-    phases = np.array([0.0, 1.0, 2.0])
-    return amplitude * np.sin(2 * np.pi * frequency * time[:, None] + phases)
 
 
 def _slow(generator: np.random.Generator, samples: int, corner: float) -> np.ndarray:
@@ -45,31 +38,12 @@ def _tremor_and_intent(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     return tremor, 150e-6 * _slow(generator, samples, 0.5)
 
 
-def _reductions(position: np.ndarray, tremor: np.ndarray) -> tuple[float, float]:
-    """In-band and a-posteriori reduction [%], means over the axes.
-
-    In-band: of the rms in 6 to 16 Hz, fourth-order Butterworth band-pass run both ways.
-    A-posteriori: of the distance to the position's own 6 to 15 Hz band, second-order, both ways.
-    """
-
-    def band(order: int, edges: tuple[float, float], motion: np.ndarray) -> np.ndarray:
-        sections = signal.butter(order, edges, "bandpass", fs=1 / T, output="sos")
-        return signal.sosfiltfilt(sections, motion, axis=0)[SETTLED]
-
-    def left(after: np.ndarray, before: np.ndarray) -> float:
-        return float(np.mean(100 * (1 - after.std(axis=0) / before.std(axis=0))))
-
-    target = band(2, (6, 15), position)
-    in_band = left(band(4, (6, 16), position - tremor), band(4, (6, 16), position))
-    return in_band, left(target - tremor[SETTLED], target)
-
-
 @settings(deadline=None, max_examples=15)
 @given(st.floats(8.0, 12.0), st.floats(0.0, 0.02), st.floats(1.0, 6.0))
 def test_a_tone_comes_out_as_it_will_be_a_horizon_later(frequency, horizon, corner):
     seconds = 8.0
     samples = round(seconds / T)
-    tone = _tones(seconds, frequency)
+    tone = tones(seconds, frequency)
     run = _run(tone, {"horizon": horizon, "corner": corner, "wflc.time_constant": 0.4})
     later = 20e-6 * np.sin(
         2 * np.pi * frequency * (T * np.arange(samples)[:, None] + horizon) + np.arange(3.0)
@@ -80,7 +54,7 @@ def test_a_tone_comes_out_as_it_will_be_a_horizon_later(frequency, horizon, corn
 
 def test_a_wash_out_ahead_of_the_filter_is_undone():
     """Phase and size are as if the position had not been through it."""
-    tone = _tones(8.0, 9.0)
+    tone = tones(8.0, 9.0)
     sections = signal.butter(3, 1.0, "highpass", fs=1 / T, output="sos")
     washed = signal.sosfilt(sections, tone, axis=0)
     run = _run(washed, {"wash_out": 1.0})
@@ -92,7 +66,7 @@ def test_a_wash_out_ahead_of_the_filter_is_undone():
 def test_tremor_over_intent_is_found():
     tremor, intent = _tremor_and_intent(30.0)
     found = _run(tremor + intent)["tremor"]
-    in_band, a_posteriori = _reductions(tremor + intent, found)
+    a_posteriori, in_band = reductions(tremor + intent, found, SETTLED.start)
     assert in_band > 70
     assert a_posteriori > 65
     left = (tremor - found)[SETTLED].std(axis=0) / tremor[SETTLED].std(axis=0)
@@ -101,17 +75,11 @@ def test_tremor_over_intent_is_found():
 
 def test_recorded_hands_get_better_by_both_definitions(data_dir: Path):
     """Raw recordings, position known; every trial gains, and the means are those of the README."""
-    figures = []
-    for path in sorted((data_dir / "hand_motion_m2s2").glob("*.csv")):
-        table = np.loadtxt(path, delimiter=",")[:, 1:4]
-        ends = np.flatnonzero((table == 0).all(axis=1))
-        raw = table[: ends[0]] if ends.size else table
-        recorded = np.arange(len(raw)) / RECORDED_RATE
-        spline = interpolate.make_interp_spline(recorded, 1e-3 * (raw - raw[0]), k=5)
-        position = spline(np.arange(0, recorded[-1], T))
-        figures.append(_reductions(position, _run(position)["tremor"]))
-    assert len(figures) == 10
-    in_band, a_posteriori = np.transpose(figures)
+    figures = [
+        reductions(position, _run(position)["tremor"], SETTLED.start)
+        for position in recorded(data_dir)
+    ]
+    a_posteriori, in_band = np.transpose(figures)
     assert np.mean(in_band) > 38
     assert np.min(in_band) > 31
     assert np.mean(a_posteriori) > 28
@@ -129,14 +97,14 @@ def test_slow_intent_hardly_passes():
 @settings(deadline=None, max_examples=10)
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 def test_where_the_motion_begins_does_not_matter(place):
-    tone = _tones(1.0, 10.0)
+    tone = tones(1.0, 10.0)
     moved = _run(tone + np.array(place))["tremor"]
     np.testing.assert_allclose(moved, _run(tone)["tremor"], atol=1e-12)
 
 
 def test_the_tone_runs_on_while_the_position_is_not_valid():
     """Garbage is not looked at, and coming back somewhere else is no step."""
-    tone = _tones(10.0, 10.0)
+    tone = tones(10.0, 10.0)
     valid = np.ones(len(tone))
     valid[5000:5300] = 0
     position = tone.copy()
@@ -151,7 +119,7 @@ def test_the_tone_runs_on_while_the_position_is_not_valid():
 
 @pytest.mark.parametrize("change", ["onset", "stop", "fivefold", "frequency"])
 def test_changes_of_the_tremor_are_followed_within_half_a_second(change):
-    before, after = _tones(4.0, 9.5), _tones(4.0, 9.5)
+    before, after = tones(4.0, 9.5), tones(4.0, 9.5)
     if change == "onset":
         before = 0 * before
     elif change == "stop":
@@ -159,7 +127,7 @@ def test_changes_of_the_tremor_are_followed_within_half_a_second(change):
     elif change == "fivefold":
         after = 5 * after
     else:
-        after = _tones(4.0, 10.5)
+        after = tones(4.0, 10.5)
     position = np.concatenate([before, after])
     run = _run(position)["tremor"]
     error = (run - position)[4500:]

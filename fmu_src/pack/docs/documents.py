@@ -22,7 +22,7 @@ from fmu_src.kit.model import Model
 from fmu_src.pack.codegen import c_source as csource
 from fmu_src.pack.docs import icon, page
 from fmu_src.pack.fmu import reference
-from fmu_src.pack.fmu.description import COPYRIGHT, LICENSE
+from fmu_src.pack.fmu.description import COPYRIGHT, LICENSE, to_xml
 
 _LICENSES = "documentation/licenses"
 _PACKED = "pythonfmu"
@@ -68,7 +68,7 @@ def build_description(identifier: str, entry: str) -> bytes:
     configuration = etree.SubElement(root, "BuildConfiguration", modelIdentifier=identifier)
     sources = etree.SubElement(configuration, "SourceFileSet", language="C99")
     etree.SubElement(sources, "SourceFile", name=entry)
-    return etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    return to_xml(root)
 
 
 def _licence(model: Model, flavour: str) -> str:

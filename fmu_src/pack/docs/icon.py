@@ -53,11 +53,13 @@ def _distance(x: np.ndarray, y: np.ndarray, line: np.ndarray) -> np.ndarray:
 
 def _covered(distance: np.ndarray) -> np.ndarray:
     """Return the share of a pixel that a shape covers, by the distance of its edge."""
-    return np.clip(0.5 - distance, 0, 1)
+    share: np.ndarray = np.clip(0.5 - distance, 0, 1)
+    return share
 
 
 def _mix(canvas: np.ndarray, colour: tuple[int, ...], share: np.ndarray) -> np.ndarray:
-    return canvas + share[..., None] * (np.array(colour) - canvas)
+    mixed: np.ndarray = canvas + share[..., None] * (np.array(colour) - canvas)
+    return mixed
 
 
 def _encode(pixels: np.ndarray) -> bytes:

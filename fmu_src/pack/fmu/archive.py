@@ -10,7 +10,7 @@ from fmu_src.pack.cache import write as write_file
 _EPOCH = (1980, 1, 1, 0, 0, 0)
 
 
-def packed(files: Mapping[str, bytes]) -> bytes:
+def pack(files: Mapping[str, bytes]) -> bytes:
     """Pack files into an archive and return its bytes.
 
     Args:
@@ -30,7 +30,7 @@ def packed(files: Mapping[str, bytes]) -> bytes:
 
 def write(path: Path, files: Mapping[str, bytes]) -> None:
     """Write an archive in one go; see `cache.write`."""
-    write_file(path, packed(files))
+    write_file(path, pack(files))
 
 
 def read(path: Path) -> dict[str, bytes]:

@@ -94,7 +94,13 @@ def describe(model: Model, guid: str, capabilities: Mapping[str, str], sources: 
                 _variable(variables, scalar, reference, causality)
             reference += 1
     _structure(root, model)
-    return etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    return to_xml(root)
+
+
+def to_xml(root: etree._Element) -> bytes:
+    """Return a document as indented UTF-8 text."""
+    text: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    return text
 
 
 def content_guid(model: Model, texts: Mapping[str, str]) -> str:

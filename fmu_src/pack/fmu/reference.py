@@ -23,7 +23,7 @@ from lxml import etree
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Scalar
 from fmu_src.kit.runner import Runner
-from fmu_src.pack.fmu.description import DEFAULT_SAMPLES
+from fmu_src.pack.fmu.description import DEFAULT_SAMPLES, to_xml
 
 FOLDER = "extra/org.fmi-standard.fmi-ls-ref"
 TOLERANCE = 1e-6
@@ -82,7 +82,7 @@ def stimulus(model: Model) -> np.ndarray:
     return np.array(columns).reshape(-1, len(k)).T
 
 
-def compared(model: Model) -> list[str]:
+def compared_outputs(model: Model) -> list[str]:
     """Return the names of at most OUTPUTS outputs: first elements before second ones."""
     scalars = model.variables["output"]
     seen: dict[int, int] = {}
@@ -122,7 +122,7 @@ def files(model: Model) -> dict[str, bytes]:
     u = stimulus(model)
     inputs = [scalar.name for scalar in model.variables["input"]]
     initial, y = outputs(model, np.repeat(u[:-1], EVERY, axis=0))
-    names = compared(model)
+    names = compared_outputs(model)
     every_name = [scalar.name for scalar in model.variables["output"]]
     columns = [every_name.index(name) for name in names]
     rows = np.vstack([initial, y])[::EVERY, columns]
@@ -173,7 +173,7 @@ def _manifest(model: Model, endings: list[str]) -> bytes:
         kind, role, sentence = _RELATED[ending]
         source = model.name + ending
         etree.SubElement(root, "Related", type=kind, source=source, role=role, description=sentence)
-    return _xml(root)
+    return to_xml(root)
 
 
 def _experiments(model: Model, stimulated: bool) -> bytes:
@@ -191,8 +191,4 @@ def _experiments(model: Model, stimulated: bool) -> bytes:
     if stimulated:
         etree.SubElement(experiment, "Stimuli", source=f"{model.name}_in.csv")
     etree.SubElement(experiment, "References", source=f"{model.name}_ref.csv")
-    return _xml(root)
-
-
-def _xml(root: etree._Element) -> bytes:
-    return etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    return to_xml(root)

@@ -114,7 +114,7 @@ def deviation(values: FloatArray, period: float) -> Curve:
 
     Args:
         values: samples, (n,).
-        period: of the samples [s].
+        period: period of the samples [s].
 
     Raises:
         SteadytipError: allantools is not installed.
@@ -146,7 +146,7 @@ def analyse(values: FloatArray, period: float, lag: float | None = None) -> Nois
 
     Args:
         values: samples, (n,).
-        period: of the samples [s].
+        period: period of the samples [s].
         lag: time constant of the filter ahead of the samples [s]; None to find it.
 
     Raises:

@@ -15,7 +15,7 @@ from harness.report.plots import GREY, SERIES, layout, line
 
 __all__ = ["curves", "term_table", "write_page"]
 
-Found = Mapping[str, tuple[Noise, float, str]]
+SignalNoise = Mapping[str, tuple[Noise, float, str]]
 """Noise of each signal, the factor to the measured quantity, and its unit."""
 _TERM_TITLES = {
     "quantisation": "quantisation Q",
@@ -27,7 +27,7 @@ _TERM_TITLES = {
 }
 
 
-def term_table(found: Found) -> Table:
+def term_table(found: SignalNoise) -> Table:
     """Tabulate each term with its interval."""
     rows = []
     for name, (noise, factor, unit) in found.items():
@@ -90,7 +90,7 @@ def curves(found: Iterable[tuple[str, Noise, float]], unit: str) -> go.Figure:
     return layout(figure, 460)
 
 
-def write_page(path: Path, recording: Path, found: Found) -> Path:
+def write_page(path: Path, recording: Path, found: SignalNoise) -> Path:
     """Write the page.
 
     Raises:

@@ -149,7 +149,7 @@ def correction_rate(
         position: shape (samples, 3) [m].
         rate: samples in a second [Hz].
         correction_corner: pole of the pulses [Hz].
-        variance: of the corrections in each axis, (3,) [m2].
+        variance: variance of the corrections in each axis, (3,) [m2].
     """
     sections = signal.butter(ORDER, CORRECTION_BAND, "bandpass", fs=rate, output="sos")
     seen = signal.sosfiltfilt(sections, position - position.mean(axis=0), axis=0)

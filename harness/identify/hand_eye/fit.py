@@ -62,14 +62,14 @@ class HandEye:
     Attributes:
         mounting: h.
         mounting_sigma: standard deviation of its error, a rotation vector in C, (3,) [rad].
-        bias: of the gyro, (3,) [rad/s].
+        bias: bias of the gyro, (3,) [rad/s].
         bias_sigma: (3,) [rad/s].
         lag: tau [s].
         lag_sigma: [s].
         registration: r; None without force and field.
-        registration_sigma: of an error in F, (3,) [rad]; None without.
+        registration_sigma: registration sigma of an error in F, (3,) [rad]; None without.
         factor: half width of an interval of 95 % over a standard deviation.
-        time: of the residuals, (m,) [s].
+        time: time of the residuals, (m,) [s].
         residual: rotation vectors that the fit leaves, in C, (m, 3) [rad].
     """
 
@@ -86,7 +86,7 @@ class HandEye:
     residual: FloatArray
 
 
-class _Turns:
+class _GyroRotation:
     """Turn of the body since the start by the gyro less a bias, and its slope with the bias."""
 
     def __init__(self, recorded: TrackedMotion, bias: FloatArray) -> None:
@@ -133,14 +133,14 @@ def identify_hand_eye(recorded: TrackedMotion) -> HandEye:
     """
     z, at = recorded.attitude, recorded.measured
     bias, lag = np.zeros(3), 0.0
-    turns = _Turns(recorded, bias)
-    start, hand = _first(turns.at(at, bias), z, at, recorded.path)
+    turns = _GyroRotation(recorded, bias)
+    start, hand = _initial_guess(turns.at(at, bias), z, at, recorded.path)
     limit = np.full(10, np.inf)
     limit[9] = LARGEST_LAG
     for _ in range(ROUNDS):
 
         def residual(
-            x: FloatArray, known: tuple[_Turns, Rotation, Rotation] = (turns, start, hand)
+            x: FloatArray, known: tuple[_GyroRotation, Rotation, Rotation] = (turns, start, hand)
         ) -> FloatArray:
             turns, start, hand = known
             body = start * Rotation.from_rotvec(x[:3]) * turns.at(at + x[9], x[6:9])
@@ -153,8 +153,8 @@ def identify_hand_eye(recorded: TrackedMotion) -> HandEye:
         start = start * Rotation.from_rotvec(found.x[:3])
         hand = hand * Rotation.from_rotvec(found.x[3:6])
         bias, lag = bias + found.x[6:9], float(found.x[9])
-        turns = _Turns(recorded, bias)
-    covariance, factor = _sandwich(found.jac, found.fun, at)
+        turns = _GyroRotation(recorded, bias)
+    covariance, factor = _clustered_covariance(found.jac, found.fun, at)
     sigma = np.sqrt(np.diag(covariance))
     registration = _registration(recorded, hand)
     return HandEye(
@@ -172,7 +172,9 @@ def identify_hand_eye(recorded: TrackedMotion) -> HandEye:
     )
 
 
-def _first(turns: Rotation, z: Rotation, at: FloatArray, path: Path) -> tuple[Rotation, Rotation]:
+def _initial_guess(
+    turns: Rotation, z: Rotation, at: FloatArray, path: Path
+) -> tuple[Rotation, Rotation]:
     """Return r* (x) q_0 and h from relative rotations."""
     later = np.searchsorted(at, at + APART)
     first = np.flatnonzero(later < len(at))
@@ -191,7 +193,7 @@ def _first(turns: Rotation, z: Rotation, at: FloatArray, path: Path) -> tuple[Ro
     return (z * hand.inv() * turns.inv()).mean(), hand
 
 
-def _sandwich(
+def _clustered_covariance(
     jacobian: FloatArray, residual: FloatArray, at: FloatArray
 ) -> tuple[FloatArray, float]:
     """Return the covariance of a fit, and Student's factor.

@@ -31,7 +31,7 @@ class TrackedMotion:
 
     Attributes:
         path: file that it comes from.
-        time: of the inertial samples, (n,) [s].
+        time: time of the inertial samples, (n,) [s].
         rate: body rate, (n, 3) [rad/s].
         force: specific force, (n, 3) [m/s2]; None if it was not recorded.
         field: magnetic field, (n, 3) [T]; None if it was not recorded.

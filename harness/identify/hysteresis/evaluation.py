@@ -32,7 +32,7 @@ class HysteresisEvaluation:
         fitted: True for samples that were fitted, (n,).
         counted: True for samples that count, (n,); those before the fit's first one do not.
         predicted: stroke with the sensor's offset and drift, (n,) [m].
-        drift: of the sensor [m/s].
+        drift: drift of the sensor [m/s].
     """
 
     response: StackResponse

@@ -15,9 +15,9 @@ import numpy as np
 from scipy.signal import lfilter
 
 from fmu_src.device import design
-from fmu_src.errors import SteadytipError
 from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS, SMALLEST_SLOPE, STOPS
-from harness.identify.hysteresis.plays import checked, known_from
+from harness.common.errors import SteadytipError
+from harness.identify.hysteresis.plays import check_arrays, first_known_sample
 
 ORDERS = (4, 6, 8, 10, 12)
 """Numbers of stops tried."""
@@ -46,7 +46,7 @@ class Candidate:
 
     Attributes:
         order: number of stops.
-        power: of the thresholds.
+        power: power of the thresholds.
         fitted: rms residual on the blocks fitted [m].
         validated: rms residual on the others [m].
     """
@@ -67,7 +67,7 @@ class StopsFit:
         validation: rms residual on blocks that were not fitted [m].
         offset: reading of the recording at zero stroke [m].
         order: number of stops.
-        power: of the thresholds.
+        power: power of the thresholds.
         candidates: all orders that were tried.
         first: first sample that was used.
         period: sample period [s].
@@ -114,7 +114,7 @@ def excitation(rate: float, top: float = design.STACK_VOLTS, seed: int = 1) -> n
     Args:
         rate: samples in a second [Hz].
         top: largest voltage [V].
-        seed: of the phases of the sum.
+        seed: seed of the phases of the sum.
     """
     rng = np.random.default_rng(seed)
     half = top / 2
@@ -167,7 +167,7 @@ def identify_stops(
         SteadytipError: arrays that do not match, are not finite, hold too few reversals, or run
             against each other; a period that is not positive.
     """
-    volts, stroke = checked(volts, stroke)
+    volts, stroke = check_arrays(volts, stroke)
     if not (np.isfinite(period) and period > 0):
         raise SteadytipError(f"period: {period} s must be above 0; it is the time of a sample")
     span = float(volts.max())
@@ -176,7 +176,7 @@ def identify_stops(
     times = np.asarray(CREEP_TIMES if creep_time is None else creep_time)
     a = volts / span
     smooth = _smooth(a, period, times)
-    first = known_from(volts)
+    first = first_known_sample(volts)
     known = np.arange(len(a)) >= first
     odd = np.arange(len(a)) // BLOCK % 2 == 1
     turns = (known & odd, known & ~odd)

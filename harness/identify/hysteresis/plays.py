@@ -106,7 +106,7 @@ def sweep(
 
     Args:
         rate: samples in a second [Hz].
-        frequencies: of the saw-teeth [Hz].
+        frequencies: frequencies of the saw-teeth [Hz].
         top: largest voltage [V].
 
     Returns:
@@ -130,7 +130,7 @@ def identify_hysteresis(volts: np.ndarray, stroke: np.ndarray) -> HysteresisFit:
         SteadytipError: arrays that do not match, are not finite, hold too few reversals, or run
             against each other.
     """
-    volts, stroke = checked(volts, stroke)
+    volts, stroke = check_arrays(volts, stroke)
     fit, weights = _fit(stroke, _plays(volts), _least_weights(), 0)
     return _with(fit, weights=weights)
 
@@ -143,10 +143,10 @@ def identify_creeping(volts: np.ndarray, stroke: np.ndarray, period: float) -> H
         stroke: displacement, (N,) [m].
         period: time between two samples [s].
     """
-    volts, stroke = checked(volts, stroke)
+    volts, stroke = check_arrays(volts, stroke)
     columns = np.hstack((_plays(volts), _crept(volts, period)))
     least = np.append(_least_weights(), np.zeros(creeping.WIDTHS))
-    fit, weights = _fit(stroke, columns, least, known_from(volts))
+    fit, weights = _fit(stroke, columns, least, first_known_sample(volts))
     fixed = creeping.Creeping.unpack(creeping.Creeping.starts())
     return _with(
         fit,
@@ -165,7 +165,7 @@ def identify_rate_dependence(volts: np.ndarray, stroke: np.ndarray, period: floa
         stroke: displacement, (N,) [m].
         period: time between two samples [s].
     """
-    volts, stroke = checked(volts, stroke)
+    volts, stroke = check_arrays(volts, stroke)
     rate = stroke_rate(identify_hysteresis(volts, stroke).parameters, volts, period)
     limits = np.array(RATE_LIMITS)
     share = np.minimum(rate[:, None] / limits, 1.0)
@@ -173,7 +173,7 @@ def identify_rate_dependence(volts: np.ndarray, stroke: np.ndarray, period: floa
     # Of the weights at both ends: a weight is in the slope of its play and in those of all wider.
     columns = [np.cumsum((part * gaps)[:, ::-1], axis=1)[:, ::-1] for part in (1 - share, share)]
     least = np.tile(_least_weights(), 2)
-    fit, weights = _fit(stroke, np.hstack(columns), least, known_from(volts))
+    fit, weights = _fit(stroke, np.hstack(columns), least, first_known_sample(volts))
     resting, fast = (np.cumsum(part) for part in np.split(weights, 2))
     change = (fast - resting) / limits
     return _with(
@@ -205,7 +205,7 @@ def loading_slopes(
     low = stroke / saturation[0]
     acting = np.where(stroke < 0, low, np.interp(stroke, values, corners))
     columns = np.column_stack((_gaps(volts), np.ones(len(volts))))
-    known = slice(known_from(volts), None)
+    known = slice(first_known_sample(volts), None)
     return np.linalg.lstsq(columns[known], acting[known], rcond=None)[0][:PLAYS]
 
 
@@ -291,14 +291,14 @@ def _fit(
     return fit, found.x[:count]
 
 
-def known_from(volts: np.ndarray) -> int:
+def first_known_sample(volts: np.ndarray) -> int:
     """Return the first sample after the whole range was visited, which erases the memory."""
     margin = _WIPED * np.ptp(volts)
     top, bottom = volts >= volts.max() - margin, volts <= volts.min() + margin
     return int(max(np.argmax(top), np.argmax(bottom))) + 1
 
 
-def checked(volts: np.ndarray, stroke: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+def check_arrays(volts: np.ndarray, stroke: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
     """Check a recording before identification.
 
     Args:

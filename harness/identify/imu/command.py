@@ -42,7 +42,7 @@ def command(
     from fmu_src.errors import SteadytipError
     from harness.common.errors import nearest
     from harness.identify.imu import fit as calibration
-    from harness.identify.imu.page import field_table, parameter_table, write_page
+    from harness.identify.imu.page import parameter_table, residual_table, write_page
     from harness.recordings.tables import ColumnMapping
     from harness.recordings.turntable import CHANNELS, join_positions, read_positions
 
@@ -65,7 +65,7 @@ def command(
         where = "recording " + ", ".join(map(str, recordings))
         found = calibration.calibrate(positions, where)
         output.notes(found.notes)
-        output.tables(parameter_table(found), field_table(found))
+        output.tables(parameter_table(found), residual_table(found))
         values = found.parameters()
     files = {"parameters": calibration.write_calibration(output.path, values)}
     if report and not linear:

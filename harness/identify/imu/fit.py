@@ -99,9 +99,9 @@ class Calibration:
     Attributes:
         found: parameters; others keep their start values.
         table: errors of the turntable, by name, with half widths [rad].
-        residual: of the accelerometers, (positions, 6) [m/s2].
-        field_residual: of the magnetometer, (positions, 3) [T]; None without one.
-        inclination: of the field below the horizon [rad]; NaN without a magnetometer.
+        residual: residual of the accelerometers, (positions, 6) [m/s2].
+        field_residual: field residual of the magnetometer, (positions, 3) [T]; None without one.
+        inclination: inclination of the field below the horizon [rad]; NaN without a magnetometer.
         positions: static positions that were used.
         notes: sentences about what is unusual but may be right.
     """
@@ -149,7 +149,7 @@ _SIZES = {
 """Typical size of the fields that are unknown; that of `scale` is a share of its start."""
 
 
-def _turned(alpha: Any, beta: Any, errors: Any, v: Any) -> Any:
+def _rotated(alpha: Any, beta: Any, errors: Any, v: Any) -> Any:
     """Return R_TB^T v of `turntable.attitude` as an expression; errors delta, lambda, nu."""
     zero, level, square = errors[0], errors[1], errors[2]
 
@@ -199,7 +199,7 @@ def _problem(
 
 def _accelerometer_residual(p: Any, errors: Any, data: Any) -> Any:
     """Return the residual; errors of the turntable; data alpha, beta, dt, volts (6)."""
-    gravity = _turned(data[0], data[1], errors, _GRAVITY)
+    gravity = _rotated(data[0], data[1], errors, _GRAVITY)
     a = compensation.uncross(p, compensation.linear(p, data[3:], data[2]))
     rows = [
         compensation.sensing_axis(axis, p.misalignment[i, :])
@@ -212,7 +212,7 @@ def _magnetometer_residual(p: Any, angles: Any, data: Any) -> Any:
     """Return the residual; two angles of N; data alpha, beta, dt, errors (3), volts (3)."""
     heading, dip = angles[0], angles[1]
     north = ca.vertcat(ca.cos(dip) * ca.cos(heading), ca.cos(dip) * ca.sin(heading), -ca.sin(dip))
-    felt = _turned(data[0], data[1], data[3:6], design.MAGNETIC_FIELD * north)
+    felt = _rotated(data[0], data[1], data[3:6], design.MAGNETIC_FIELD * north)
     rows = [compensation.sensing_axis(axis, p.misalignment[axis, :]) for axis in range(3)]
     residual = compensation.linear(p, data[6:], data[2]) - ca.vertcat(*(r.T @ felt for r in rows))
     return 1e6 * residual  # in microtesla: solvers stop by absolute sizes, too
@@ -330,7 +330,7 @@ def calibrate(positions: StaticPositions, where: str = "rests") -> Calibration:
     """Find the coefficients.
 
     Args:
-        positions: of the turntable's procedure; six or nine columns of volts.
+        positions: positions of the turntable's procedure; six or nine columns of volts.
         where: their name, for messages.
 
     Raises:

@@ -15,7 +15,7 @@ from harness.recordings.turntable import ACCELEROMETERS, MAGNETOMETERS
 from harness.report.page import Plot, Section, Table
 from harness.report.plots import SERIES, layout
 
-__all__ = ["field_table", "parameter_table", "write_page"]
+__all__ = ["parameter_table", "residual_table", "write_page"]
 
 _MG = 1e-3 * design.STANDARD_GRAVITY
 
@@ -31,7 +31,7 @@ def parameter_table(found: Calibration) -> Table:
     return Table(columns, tuple(rows), frozenset({1, 2}))
 
 
-def field_table(found: Calibration) -> Table:
+def residual_table(found: Calibration) -> Table:
     """Tabulate the residual of each channel."""
     rows = []
     for i, name in enumerate(ACCELEROMETERS):
@@ -70,7 +70,7 @@ def write_page(path: Path, recordings: Sequence[Path], found: Calibration) -> Pa
         "angles; one that goes along with an angle is a form that the model does not have.",
         *(f"Note: {note}." for note in (*found.positions.notes, *found.notes)),
     )
-    tables = (field_table(found), _table_errors(found), parameter_table(found))
+    tables = (residual_table(found), _table_errors(found), parameter_table(found))
     return write_topic_page(
         path,
         "Sensors calibrated",

@@ -78,7 +78,7 @@ class Turntable:
         square: nu [rad].
         mount: rotation vector of the unit on it, (3,) [rad].
         heading: psi [rad].
-        seed: of the scatter.
+        seed: seed of the scatter.
     """
 
     scatter: float = np.radians(0.03)
@@ -139,7 +139,7 @@ def grid(step: float = GRID) -> tuple[FloatArray, FloatArray]:
     """Return the angles of the procedure in the order in which they are visited [rad].
 
     Args:
-        step: of both angles, a whole part of 90 [deg].
+        step: step of both angles, a whole part of 90 [deg].
 
     Raises:
         SteadytipError: the step has another value.
@@ -206,7 +206,7 @@ def simulate(
         alpha: commanded, (n,) [rad].
         beta: commanded, (n,) [rad].
         table: the turntable.
-        seed: of the sensors' noise.
+        seed: seed of the sensors' noise.
         ambient: temperature of the room [degC].
         dwell: time at each angle of which means are taken [s].
         progress: takes the number of angles done and of all angles.

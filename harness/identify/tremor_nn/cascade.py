@@ -120,10 +120,10 @@ class Training:
         every: samples from one that is learnt to the next; neighbours are alike.
         copies: candidates of each activation.
         noise: R.
-        output_covariance: of the output's weights before the first sample.
+        output_covariance: output covariance of the output's weights before the first sample.
         hidden_covariance: the same of a hidden unit's.
         drift: Q.
-        seed: of the motions, the levels, the candidates and the order of the samples.
+        seed: seed of the motions, the levels, the candidates and the order of the samples.
 
     Raises:
         SteadytipError: no epochs, or far too many; a seed below 0.
@@ -153,7 +153,7 @@ class Node:
 
     Attributes:
         kind: as the model counts activations.
-        weights: of the inputs, of 1, and of the hidden units before it.
+        weights: weights of the inputs, of 1, and of the hidden units before it.
     """
 
     kind: int
@@ -166,7 +166,7 @@ class Network:
 
     Attributes:
         architecture: its size.
-        scale: of inputs and output [m].
+        scale: scale of inputs and output [m].
         nodes: hidden units in their order.
         outputs: weights of the output for each number of hidden units from none on: of the inputs,
             of 1, of the hidden units.
@@ -266,12 +266,12 @@ def train_filter(
 
     Args:
         errors: one for each trial, about the place that was held, (n,) [m] each at RATE.
-        rms: of the motion that is made up [m]; the network's scale, too.
+        rms: rms of the motion that is made up [m]; the network's scale, too.
         architecture: size of the network.
         training: settings of the training.
         target: output that the network is trained for; the filter returns the motion either way.
         progress: takes the steps done.
-        names: of the trials, for messages.
+        names: names of the trials, for messages.
 
     Raises:
         SteadytipError: a trial that is not twice as long as the window, or is at rest.
@@ -328,7 +328,7 @@ def train(
     Args:
         draw: gives inputs and targets of an epoch, over the scale, each time the same.
         architecture: size of the network; hidden units are added up to it.
-        scale: of inputs and output [m].
+        scale: scale of inputs and output [m].
         training: settings of the training.
         progress: takes the steps done.
     """
@@ -398,7 +398,7 @@ def _best_candidate(
         out: weights of the output so far, (k,).
         order: in which the samples come.
         how: settings of the training.
-        rng: of the weights at the start.
+        rng: rng of the weights at the start.
     """
     size, pool = zeta.shape[1], how.copies * len(ACTIVATIONS)
     weights = np.zeros((2, pool, size + 1))

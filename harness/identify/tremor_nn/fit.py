@@ -67,8 +67,8 @@ def score(network: Network, errors: Sequence[FloatArray], rms: float, seed: int 
 
     Args:
         network: a filter.
-        errors: of each trial, (n,) [m], longer than the window.
-        rms: of the motions [m].
+        errors: errors of each trial, (n,) [m], longer than the window.
+        rms: rms of the motions [m].
         seed: seed of the motions, which no training sees.
     """
     lead = network.architecture.lead
@@ -110,7 +110,7 @@ class FilterEvaluation:
     rms: float
     scores: dict[str, tuple[FilterScore, ...]]
 
-    def of(self, role: str) -> list[StillTrial]:
+    def trials_of(self, role: str) -> list[StillTrial]:
         """Return the trials of a role."""
         return [trial for trial in self.trials if trial.role == role]
 

@@ -49,7 +49,7 @@ def train_output(
         wanted: targets, (n,).
         start: weights before the first sample, (k,).
         noise: R.
-        covariance: of each weight before the first sample.
+        covariance: covariance of each weight before the first sample.
         drift: Q; without it the result does not depend on the order of the samples.
 
     Returns:
@@ -90,7 +90,7 @@ def train_pool(
         weights: before the first sample, (2, pool, k + 1), of the hidden units (the last one is
             none) and of the outputs (the last one is that of the hidden unit). The pool holds as
             many units of each activation, in the order of ACTIVATIONS.
-        covariances: of each of those before the first sample, (2, k + 1).
+        covariances: covariances of each of those before the first sample, (2, k + 1).
         noise: R.
         drift: Q.
         block: samples that are taken at a time.

@@ -27,9 +27,9 @@ def trial_table(done: FilterEvaluation) -> Table:
     rows = []
     for role, scores in done.scores.items():
         last = scores[-1]
-        for trial, raw, left in zip(done.of(role), last.raw, last.filtered, strict=True):
+        for trial, raw, left in zip(done.trials_of(role), last.raw, last.filtered, strict=True):
             rows.append(_row(trial.name, role, raw, left))
-        if len(done.of(role)) > 1:
+        if len(done.trials_of(role)) > 1:
             rows.append(_row("mean", role, last.raw.mean(), last.filtered.mean()))
     columns = ("trial", "for", "rms error, µm", "filtered, µm", "reduction, %")
     return Table(columns, tuple(rows), frozenset({2, 3, 4}))
@@ -76,7 +76,7 @@ def write_page(path: Path, done: FilterEvaluation) -> Path:
     return write_topic_page(
         path,
         "Neural filter trained",
-        f"on {len(done.of('trained'))} trials of one axis each",
+        f"on {len(done.trials_of('trained'))} trials of one axis each",
         (
             "Whoever was recorded tried to hold still, so that all of the motion is error. It "
             "is put on a motion that is made up, white noise behind a low-pass, which the "
@@ -111,7 +111,7 @@ def _by_units(done: FilterEvaluation) -> Plot:
 
 def _over_time(done: FilterEvaluation) -> Plot:
     role = next(role for role in ("other", "rest", "trained") if role in done.scores)
-    trial = done.of(role)[0]
+    trial = done.trials_of(role)[0]
     plot = over_time(done.network, trial.error, done.rms)
     return Plot(
         "Before and after",
@@ -126,8 +126,8 @@ def over_time(network: Network, error: FloatArray, rms: float) -> go.Figure:
 
     Args:
         network: the filter.
-        error: of a trial, (n,) [m].
-        rms: of the motion [m].
+        error: error of a trial, (n,) [m].
+        rms: rms of the motion [m].
     """
     lead = network.architecture.lead
     motion = unseen_motion(len(error), rms, 0, 0)
