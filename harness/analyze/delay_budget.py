@@ -192,7 +192,7 @@ def _followed(values: ComplexArray) -> ComplexArray:
     """Sort eigenvalues (f, n) so that each follows its own at the line before."""
     followed = values.copy()
     for k in range(1, len(values)):
-        apart = np.abs(followed[k - 1][:, None] - values[k][None, :])
-        _, order = optimize.linear_sum_assignment(apart)
+        distance = np.abs(followed[k - 1][:, None] - values[k][None, :])
+        _, order = optimize.linear_sum_assignment(distance)
         followed[k] = values[k][order]
     return followed

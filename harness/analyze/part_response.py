@@ -126,8 +126,8 @@ def measure_part(
     with _player(part, make, feed, first, system, operation, workspace) as (play, restored):
         base = play(usual)
         recorded = operation.signals[first:, [operation.names.index(name) for name in outputs]]
-        apart = np.abs(base - recorded).max(axis=0, initial=0.0)
-        departure = float(np.max(apart / np.maximum(recorded.std(axis=0), TINY), initial=0.0))
+        difference = np.abs(base - recorded).max(axis=0, initial=0.0)
+        departure = float(np.max(difference / np.maximum(recorded.std(axis=0), TINY), initial=0.0))
         for number, direction in enumerate(directions):
             phases = random_phases(system.scenario.seed, number, *part.name.encode())
             probe = SMALL * direction.amplitudes * np.exp(1j * phases)

@@ -70,8 +70,8 @@ def figures(
         text = "Angle of the rotation from the true to the estimated attitude"
         yield _estimated(time, motion.settle, angle, ("Attitude error", "angle, deg", text))
     if motion.position_true is not None and motion.position_estimated is not None:
-        apart = motion.position_estimated - motion.position_true
-        distance = np.linalg.norm(apart, axis=1) * _MICRO
+        difference = motion.position_estimated - motion.position_true
+        distance = np.linalg.norm(difference, axis=1) * _MICRO
         text = "Distance of the estimated position from the true one"
         yield _estimated(time, motion.settle, distance, ("Position error", "distance, µm", text))
 

@@ -14,7 +14,7 @@ from harness.can.reception import FAULTS, PER_MESSAGE
 from harness.common.quantities import format_quantity
 from harness.common.types import FloatArray
 from harness.report.page import Plot, Section, Table
-from harness.report.plots import GREY, SERIES, flats, layout, line, thinned
+from harness.report.plots import GREY, SERIES, flats, grid, layout, line, thinned
 from harness.results.can_feed import feed_of, latencies, wakings
 from harness.results.fault_episodes import Trouble, mode_of, troubles
 from harness.results.limits import judge
@@ -45,11 +45,11 @@ def hil_sections(result: Result) -> Iterator[Section]:
     text = ["Ticks were paced by this machine's clock; there is no bus."]
     if feed is not None and "messages" in metadata:
         found = troubles(result)
-        tables += [_messages(metadata), *([_reactions(found)] if found else [])]
+        tables += [_messages(metadata), *([_fault_table(found)] if found else [])]
         tables.append(_checks(result))
         text = [_sentence(metadata, found)]
         if len(result.time) > 1:
-            plots = [*_durations(result, feed), _course(result, feed)]
+            plots = [*_durations(result, feed), _over_time(result, feed)]
     yield Section(
         "On the wall clock",
         tuple(text),
@@ -59,7 +59,7 @@ def hil_sections(result: Result) -> Iterator[Section]:
     )
 
 
-def _words(seconds: float) -> str:
+def _time_text(seconds: float) -> str:
     """Format a time with its unit."""
     return " ".join(format_quantity(seconds, "s"))
 
@@ -74,15 +74,15 @@ def _sentence(metadata: Mapping[str, Any], found: Sequence[Trouble]) -> str:
     invalid = sum(trouble.invalid for trouble in found)
     return (
         f"Counted on the bus: {', '.join(counted) or 'no fault at all'}. The command did not "
-        f"follow the controller for {_words(held)}, and samples were not to be used for "
-        f"{_words(invalid)}."
+        f"follow the controller for {_time_text(held)}, and samples were not to be used for "
+        f"{_time_text(invalid)}."
     )
 
 
 # Tables -------------------------------------------------------------------------------------------
 
 
-def _drift(drift: float | None) -> str:
+def _drift_text(drift: float | None) -> str:
     if drift is None:
         return "not known: too few samples"
     return f"{abs(1e6 * drift):.1f} ppm {'slow' if drift > 0.0 else 'fast'}"
@@ -94,7 +94,7 @@ def _conditions(result: Result, metadata: Mapping[str, Any], feed: str | None) -
     rows.append(("stolen CPU", "not told" if stolen is None else f"{100 * stolen:.2g} %"))
     if feed is not None and "counts" in metadata:
         rows += [
-            ("clock of the board", _drift(metadata["drift"])),
+            ("clock of the board", _drift_text(metadata["drift"])),
             ("overruns", _overruns(result, metadata["counts"], feed)),
             ("largest bus load", f"{100 * metadata['peak_load']:.0f} %"),
         ]
@@ -102,7 +102,7 @@ def _conditions(result: Result, metadata: Mapping[str, Any], feed: str | None) -
     if injected.get("faults"):
         words = f"{', '.join(injected['faults'])}; seed {injected['seed']}; in the board's time"
         ahead = _board_begun(result, feed) if feed is not None else 0.0
-        words += f", {_words(ahead)} ahead of the run's" if ahead else ""
+        words += f", {_time_text(ahead)} ahead of the run's" if ahead else ""
         rows.append(("faults that were asked for", words))
     if metadata.get("log"):
         rows.append(("log of frames", metadata["log"]))
@@ -125,8 +125,8 @@ def _overruns(result: Result, counts: Mapping[str, int], feed: str) -> str:
         "tick that took longer than a period": counts["overruns"],
         "sample that came after its tick": counts["late"],
         "tick left out": int(np.sum(np.diff(due) == 0.0)),
-        f"wake-up later than {_words(step)}": int(np.sum(wakings(result, feed) > step)),
-        f"command later than {_words(step)}": int(np.sum(latencies(result, feed) > step)),
+        f"wake-up later than {_time_text(step)}": int(np.sum(wakings(result, feed) > step)),
+        f"command later than {_time_text(step)}": int(np.sum(latencies(result, feed) > step)),
     }
     return "; ".join(_plural(count, what) for what, count in kinds.items())
 
@@ -155,15 +155,15 @@ def _checks(result: Result) -> Table:
     return Table(("what is judged", "found", ""), tuple(rows))
 
 
-def _reactions(found: Sequence[Trouble]) -> Table:
+def _fault_table(found: Sequence[Trouble]) -> Table:
     rows = [
         (
             f"{each.time:.3f}",
-            _told(each),
-            _words(each.age),
-            _answer(each),
-            _words(each.held),
-            _words(each.invalid),
+            _fault_text(each),
+            _time_text(each.age),
+            _response_text(each),
+            _time_text(each.held),
+            _time_text(each.invalid),
         )
         for each in found[:_ROWS]
     ]
@@ -177,17 +177,17 @@ def _reactions(found: Sequence[Trouble]) -> Table:
     )
 
 
-def _told(each: Trouble) -> str:
+def _fault_text(each: Trouble) -> str:
     texts = [*each.texts[:_TEXTS]]
     if len(each.texts) > _TEXTS:
         texts.append(f"and {len(each.texts) - _TEXTS} more")
     return "; ".join(texts) or "the sample was too old, or the controller's demand out of limits"
 
 
-def _answer(each: Trouble) -> str:
+def _response_text(each: Trouble) -> str:
     if each.answer is None:
         return "followed the controller"
-    return "held in the same tick" if not each.answer else f"held {_words(each.answer)} later"
+    return "held in the same tick" if not each.answer else f"held {_time_text(each.answer)} later"
 
 
 # Plots --------------------------------------------------------------------------------------------
@@ -246,7 +246,7 @@ def _histogram(
             x=float(np.log10(_UNIT * value)),
             # One below the other: on a quiet machine they are close.
             y=(1.25 - 0.17 * place) * top,
-            text=f"{words}: {_words(value)}",
+            text=f"{words}: {_time_text(value)}",
             showarrow=False,
             xanchor="left",
             bgcolor="rgba(255,255,255,0.7)",
@@ -264,54 +264,53 @@ def _histogram(
     )
 
 
-def _course(result: Result, feed: str) -> Plot:
+def _over_time(result: Result, feed: str) -> Plot:
     """Plot age, load, mode and faults over the time of the run."""
     time = result.time
     mode = mode_of(result, feed)
     counted = _counted(result, feed)
-    names = ["age, ms", "bus load, %", *(["command"] if mode is not None else [])]
-    heights = [3.0, 2.0, *([1.2] if mode is not None else [])]
-    if counted:
-        names.append("faults")
-        heights.append(0.5 + 0.35 * len(counted))
-    figure = make_subplots(
-        rows=len(names), cols=1, shared_xaxes=True, vertical_spacing=0.04, row_heights=heights
-    )
     age = thinned(time, _UNIT * np.maximum(result.signals(f"{feed}.age"), 1e-6))
     load = flats(time, 100.0 * result.signals(f"{feed}.load"))
-    figure.add_trace(line(*age, SERIES[0], "age of the sample", width=0.8), row=1, col=1)
-    figure.add_trace(line(*load, SERIES[2], "bus load"), row=2, col=1)
+    panels = [[[line(*age, SERIES[0], "age of the sample", width=0.8)]],
+              [[line(*load, SERIES[2], "bus load")]]]  # fmt: skip
+    names, heights = ["age, ms", "bus load, %"], [3.0, 2.0]
+    if mode is not None:
+        panels.append([[line(*flats(time, mode), SERIES[1], "mode", shape="hv")]])
+        names.append("command")
+        heights.append(1.2)
+    if counted:
+        panels.append([[_marks(kind, *marks) for kind, marks in counted.items()]])
+        names.append("faults")
+        heights.append(0.5 + 0.35 * len(counted))
+    height = 120 + round(55 * sum(heights))
+    figure = grid(panels, "time, s", names, height, vertical_spacing=0.04, row_heights=heights)
+    figure.update_layout(showlegend=False)
     figure.update_yaxes(type="log", exponentformat="power", dtick=1, row=1, col=1)
     figure.update_yaxes(rangemode="tozero", row=2, col=1)
     if mode is not None:
-        figure.add_trace(line(*flats(time, mode), SERIES[1], "mode", shape="hv"), row=3, col=1)
         ticks = {"tickvals": list(range(len(_MODES))), "ticktext": _MODES, "range": [-0.3, 2.3]}
         figure.update_yaxes(**ticks, row=3, col=1)
-    for kind, (at, counts) in counted.items():
-        figure.add_trace(
-            go.Scatter(
-                x=at,
-                y=[kind] * len(at),
-                mode="markers",
-                marker={"color": SERIES[1], "symbol": "line-ns-open", "size": 9},
-                text=[_number(count, "time") for count in counts],
-                hovertemplate="%{y}, %{x:.2f} s: %{text}<extra></extra>",
-                showlegend=False,
-            ),
-            row=len(names),
-            col=1,
-        )
-    for row, name in enumerate(names, start=1):
-        figure.update_yaxes(title_text=name, row=row, col=1)
     figure.update_xaxes(range=[0.0, float(time[-1])])
-    figure.update_xaxes(title_text="time, s", row=len(names), col=1)
     _shade(figure, result, feed)
     return Plot(
         "In the course of the run",
         "Age of the sample that the loop computed with, share of the bus that frames take over "
         "0.1 s (an emulated bus has no bit rate, and takes more than all), mode of the command, "
         "and when which fault was counted. Grey: faults that the emulated board was asked for.",
-        layout(figure, 120 + round(55 * sum(heights)), showlegend=False),
+        figure,
+    )
+
+
+def _marks(kind: str, at: FloatArray, counts: Sequence[int]) -> go.Scatter:
+    """Return marks at the times of a kind of fault."""
+    return go.Scatter(
+        x=at,
+        y=[kind] * len(at),
+        mode="markers",
+        marker={"color": SERIES[1], "symbol": "line-ns-open", "size": 9},
+        text=[_number(count, "time") for count in counts],
+        hovertemplate="%{y}, %{x:.2f} s: %{text}<extra></extra>",
+        showlegend=False,
     )
 
 

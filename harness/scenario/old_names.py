@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from harness.common.errors import SteadytipError
+from fmu_src.errors import SteadytipError
 
 __all__ = ["OLD_NAMES", "OLD_ROLES", "with_new_names"]
 

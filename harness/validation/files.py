@@ -14,7 +14,7 @@ from fmu_src.errors import SteadytipError
 from harness.common.archives import ArchiveError, read
 from harness.common.xml_files import MOST_BYTES, parse_xml
 from harness.validation.checks import Failure, Skip
-from harness.validation.variables import TRUE, TYPES, Scalar
+from harness.validation.variables import TRUE, TYPES, ScalarVariable
 
 __all__ = ["DESCRIPTION", "VERSION", "Fmu"]
 
@@ -128,7 +128,7 @@ class Fmu:
         return {element.get("name"): element[0] for element in declared if len(element)}
 
     @cached_property
-    def scalars(self) -> list[Scalar]:
+    def scalars(self) -> list[ScalarVariable]:
         """All variables, in their order.
 
         Raises:
@@ -140,7 +140,7 @@ class Fmu:
             typed = next((child for child in element if child.tag in TYPES), None)
             if typed is not None:
                 declared = self.types.get(typed.get("declaredType"))
-                found.append(Scalar(element, typed, declared, index))
+                found.append(ScalarVariable(element, typed, declared, index))
         return found
 
     def flag(self, name: str) -> bool:

@@ -8,9 +8,9 @@ from ctypes import c_char_p, c_double, c_int, c_size_t, c_void_p
 from enum import IntEnum
 from typing import Any
 
-__all__ = ["SIGNATURES", "Status"]
+__all__ = ["SIGNATURES", "FmiStatus"]
 
-Status = IntEnum("Status", ["OK", "Warning", "Discard", "Error", "Fatal", "Pending"], start=0)
+FmiStatus = IntEnum("FmiStatus", ["OK", "Warning", "Discard", "Error", "Fatal", "Pending"], start=0)
 """fmi2Status."""
 
 _ARRAY = (c_void_p, c_size_t, c_void_p)

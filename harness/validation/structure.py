@@ -7,7 +7,7 @@ from typing import Any
 
 from harness.validation.checks import FILES, Skip
 from harness.validation.files import Fmu
-from harness.validation.variables import Scalar
+from harness.validation.variables import ScalarVariable
 
 _KINDS = {"dependent", "constant", "fixed", "tunable", "discrete"}
 _SECTIONS = ("Outputs", "Derivatives", "InitialUnknowns")
@@ -24,7 +24,7 @@ def _indices(fmu: Fmu, section: str) -> list[int]:
 
 
 def _compared(
-    scalars: list[Scalar], section: str, found: list[int], wanted: list[int]
+    scalars: list[ScalarVariable], section: str, found: list[int], wanted: list[int]
 ) -> Iterator[str]:
     names = {scalar.index: scalar.name for scalar in scalars}
     for index in sorted(set(wanted) - set(found)):

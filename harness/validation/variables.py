@@ -6,7 +6,7 @@ import math
 from dataclasses import dataclass
 from typing import Any
 
-__all__ = ["TRUE", "TYPES", "Scalar"]
+__all__ = ["TRUE", "TYPES", "ScalarVariable"]
 
 TRUE = {"true", "1"}
 TYPES = ("Real", "Integer", "Boolean", "String", "Enumeration")
@@ -20,7 +20,7 @@ _INITIAL = {
 
 
 @dataclass(frozen=True)
-class Scalar:
+class ScalarVariable:
     """One ScalarVariable.
 
     Attributes:

@@ -15,8 +15,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 from fmu_src.device import design
+from fmu_src.errors import SteadytipError
 from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS, SMALLEST_SLOPE, STOPS
-from harness.common.errors import SteadytipError
 from harness.identify.hysteresis.plays import check_arrays, first_known_sample
 
 ORDERS = (4, 6, 8, 10, 12)

@@ -447,12 +447,15 @@ def speeds(motion: TrackedMotion) -> tuple[float, float, float, float]:
 
     By differences over five samples; the 99.9th percentile counts as the largest.
     """
-    apart = 5
-    span = apart * motion.period
-    moved = np.linalg.norm(motion.position[apart:] - motion.position[:-apart], axis=1) / span
+    samples_apart = 5
+    span = samples_apart * motion.period
+    moved = (
+        np.linalg.norm(motion.position[samples_apart:] - motion.position[:-samples_apart], axis=1)
+        / span
+    )
     turned = _rotation(motion.attitude)
-    rate = (turned[:-apart].inv() * turned[apart:]).magnitude() / span
-    counted = motion.counted[apart:] & motion.counted[:-apart]
+    rate = (turned[:-samples_apart].inv() * turned[samples_apart:]).magnitude() / span
+    counted = motion.counted[samples_apart:] & motion.counted[:-samples_apart]
     found = [f(v[counted]) for v in (moved, rate) for f in (np.mean, _largest)]
     return float(found[0]), float(found[1]), float(found[2]), float(found[3])
 

@@ -126,7 +126,7 @@ class Track:
 
 
 @dataclass(frozen=True)
-class Tracker:
+class TrackingController:
     """An identified operator with its inverse.
 
     Attributes:
@@ -239,11 +239,11 @@ def track_without_model(shape: np.ndarray, seed: int) -> Track:
 
 
 @cache
-def rate_independent() -> Tracker:
+def rate_independent() -> TrackingController:
     """Identify the modified operator from a sine of 10 Hz and 12.5 um p-p (A04 7.4)."""
     volts, stroke = sine(10.0, round(SECONDS * 10))
     fit = hysteresis.identify_hysteresis(volts, read(stroke, SEEDS["sine"]))
-    return Tracker(
+    return TrackingController(
         prandtl_ishlinskii.MODEL,
         inverse_prandtl_ishlinskii.MODEL,
         "hysteresis",
@@ -263,11 +263,11 @@ def sweep() -> tuple[np.ndarray, np.ndarray, list[slice]]:
 
 
 @cache
-def rate_dependence() -> Tracker:
+def rate_dependence() -> TrackingController:
     """Identify the rate-dependent operator from saw-teeth of 0.5 to 40 Hz (A04 7.3.2)."""
     volts, measured, _ = sweep()
     fit = hysteresis.identify_rate_dependence(volts, measured, 1 / RATE)
-    return Tracker(
+    return TrackingController(
         rate_dependent.MODEL,
         inverse_rate_dependent.MODEL,
         "hysteresis",
@@ -284,15 +284,15 @@ def recorded() -> tuple[np.ndarray, np.ndarray]:
 
 
 @cache
-def stops() -> Tracker:
+def stops() -> TrackingController:
     """Identify modulated stops from their excitation."""
     volts, stroke = recorded()
     return stops_tracker(identify_stops(volts, read(stroke, SEEDS["excitation"]), 1 / RATE))
 
 
-def stops_tracker(fit: StopsFit) -> Tracker:
+def stops_tracker(fit: StopsFit) -> TrackingController:
     """Return the tracker of identified stops."""
-    return Tracker(
+    return TrackingController(
         modulated_stops.MODEL,
         inverse_modulated_stops.MODEL,
         "operator",
@@ -301,7 +301,7 @@ def stops_tracker(fit: StopsFit) -> Tracker:
     )
 
 
-CONTROLLERS: dict[str, Callable[[], Tracker]] = {
+CONTROLLERS: dict[str, Callable[[], TrackingController]] = {
     "rate-independent": rate_independent,
     "rate-dependent": rate_dependence,
     "modulated stops": stops,

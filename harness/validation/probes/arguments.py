@@ -16,12 +16,12 @@ from typing import Any
 from urllib.parse import quote
 
 from harness.validation.checks import PROBES, Failure, Level, Note, Skip
-from harness.validation.interface import Status
+from harness.validation.interface import FmiStatus
 from harness.validation.probes.host import (
     STEPS,
+    FmuInstance,
     Host,
     Library,
-    Slave,
     compare,
     initialising,
     stepped,
@@ -50,12 +50,12 @@ def _plain(host: Host) -> Iterator[str]:
 def _refused(host: Host, what: str, name: bytes | None = b"probe", **more: Any) -> Iterator[str]:
     host.messages.clear()
     callbacks = host.callbacks()
-    component = Slave.attempt(
+    component = FmuInstance.attempt(
         host, host.library, name, callbacks, host.facts["resources"].encode(), **more
     )
     if component:
         yield f"fmi2Instantiate accepts {what}; it has to return NULL"
-    elif not any(status >= Status.Error for _, _, status, _, _ in host.messages):
+    elif not any(status >= FmiStatus.Error for _, _, status, _, _ in host.messages):
         yield Note(f"fmi2Instantiate refuses {what}, but no message says why")
 
 
@@ -79,14 +79,16 @@ def _type_wrong(host: Host) -> Iterator[str]:
 
 @PROBES.check("D1.callbacks_null", "warning", "refuses NULL as callback functions")
 def _callbacks_null(host: Host) -> Iterator[str]:
-    if Slave.attempt(host, host.library, b"probe", None, host.facts["resources"].encode()):
+    if FmuInstance.attempt(host, host.library, b"probe", None, host.facts["resources"].encode()):
         yield "fmi2Instantiate accepts NULL as callback functions"
 
 
 @PROBES.check("D1.logger_null", "error", "runs and refuses without a logger")
 def _logger_null(host: Host) -> Iterator[str]:
     host.doing("fmi2Instantiate")
-    Slave.attempt(host, host.library, b"probe", host.callbacks(logger=False), b"", guid=b"wrong")
+    FmuInstance.attempt(
+        host, host.library, b"probe", host.callbacks(logger=False), b"", guid=b"wrong"
+    )
     slave = stepped(host, 2, logger=False, logging=True)
     slave.call("fmi2DoStep", host.begin, -1.0, 1)
     slave.free()
@@ -97,7 +99,7 @@ def _logger_null(host: Host) -> Iterator[str]:
 def _copies(host: Host) -> Iterator[str]:
     environment = 0x5EED
     name = ctypes.create_string_buffer(b"the name of it")
-    slave = Slave(host, name=name, environment=environment)
+    slave = FmuInstance(host, name=name, environment=environment)
     ctypes.memset(ctypes.byref(slave.callbacks), 0, ctypes.sizeof(slave.callbacks))
     ctypes.memset(name, ord("X"), len(name) - 1)
     host.messages.clear()
@@ -164,7 +166,7 @@ def _bad_uri(host: Host) -> Iterator[str]:
     ):
         host.messages.clear()
         callbacks = host.callbacks()
-        component = Slave.attempt(host, host.library, b"probe", callbacks, uri)
+        component = FmuInstance.attempt(host, host.library, b"probe", callbacks, uri)
         if not component and not host.facts["has_resources"]:
             yield Note(f"no instance with the URI {uri!r}, though there are no resources")
         if component:
@@ -174,7 +176,7 @@ def _bad_uri(host: Host) -> Iterator[str]:
 # ---- Messages -----------------------------------------------------------------------------------
 
 
-def _provoke(host: Host, slave: Slave) -> None:
+def _provoke(host: Host, slave: FmuInstance) -> None:
     """Make an FMU talk: refused steps, unknown references, a call out of turn."""
     slave.call("fmi2DoStep", host.begin, -host.step, 1)
     for variable in host.inputs[:1]:
@@ -203,20 +205,20 @@ def _format(host: Host) -> Iterator[str]:
     slave.free()
     host.messages.clear()
     callbacks = host.callbacks()
-    Slave.attempt(host, host.library, b"%s%n", callbacks, guid=b"%n%s%n%s%n%s")
+    FmuInstance.attempt(host, host.library, b"%s%n", callbacks, guid=b"%n%s%n%s%n%s")
     yield from ()
 
 
 @PROBES.check("D4.debug_logging", "warning", "fmi2SetDebugLogging takes declared categories only")
 def _debug_logging(host: Host) -> Iterator[str]:
-    slave = Slave(host)
+    slave = FmuInstance(host)
     slave.need("fmi2SetDebugLogging", 1, c_size_t(0), None)
     for category in host.facts["categories"]:
         names = (c_char_p * 1)(category.encode())
-        if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) != Status.OK:
+        if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) != FmiStatus.OK:
             yield f"the declared category '{category}' is refused"
     names = (c_char_p * 1)(b"no such category")
-    if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) < Status.Warning:
+    if slave.call("fmi2SetDebugLogging", 1, c_size_t(1), names) < FmiStatus.Warning:
         yield "an unknown category is accepted in silence"
 
 
@@ -232,7 +234,7 @@ def _free_null(host: Host) -> Iterator[str]:
 
 @PROBES.check("D13.free_anywhere", "error", "can be freed in every state, and read once terminated")
 def _free_anywhere(host: Host) -> Iterator[str]:
-    Slave(host).free()
+    FmuInstance(host).free()
     slave = initialising(host)
     slave.free()
     slave = stepped(host)

@@ -10,8 +10,8 @@ from ctypes import c_double, c_int
 from functools import partial
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import Status
-from harness.validation.probes.host import STEPS, Host, Slave, compare, number, stepped
+from harness.validation.interface import FmiStatus
+from harness.validation.probes.host import STEPS, FmuInstance, Host, compare, number, stepped
 
 _LAST_SUCCESSFUL_TIME = 2
 _LONG = 8
@@ -27,13 +27,15 @@ def _bad_step(host: Host, h: float) -> Iterator[str]:
     t = host.begin + 3 * host.step
     host.doing(f"fmi2DoStep with a step of {h} s")
     status = slave.call("fmi2DoStep", t, h, 1)
-    if status <= Status.Warning:
+    if status <= FmiStatus.Warning:
         yield f"a communication step of {h} s returned {status.name}"
         return
     yield from _goes_on(host, slave, seen, f"after a step of {h} s was refused")
 
 
-def _goes_on(host: Host, slave: Slave, seen: list[tuple[bytes, ...]], what: str) -> Iterator[str]:
+def _goes_on(
+    host: Host, slave: FmuInstance, seen: list[tuple[bytes, ...]], what: str
+) -> Iterator[str]:
     """Note if a refused step has changed the FMU."""
     try:
         after = slave.run(len(seen), 3)
@@ -61,10 +63,10 @@ def _huge(host: Host) -> Iterator[str]:
         begun = time.monotonic()
         status = slave.call("fmi2DoStep", host.begin, h, 1)
         yield Note(f"{h:g} s: {status.name} after {time.monotonic() - begun:.2g} s")
-        if status == Status.Discard:
+        if status == FmiStatus.Discard:
             last = c_double(math.nan)
             status = slave.call("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, ctypes.byref(last))
-            if status != Status.OK or not math.isfinite(last.value):
+            if status != FmiStatus.OK or not math.isfinite(last.value):
                 yield "after Discard fmi2GetRealStatus gives no last successful time"
 
 
@@ -76,24 +78,24 @@ def _wrong_time(host: Host) -> Iterator[str]:
     ):
         slave = stepped(host, 3)
         host.doing(f"fmi2DoStep at t = {t} s")
-        if slave.call("fmi2DoStep", t, host.step, 1) <= Status.Warning:
+        if slave.call("fmi2DoStep", t, host.step, 1) <= FmiStatus.Warning:
             yield f"a step at t = {t:g} s ({what}) is taken, the last one ended elsewhere"
 
 
 @PROBES.check("D8.stop", "error", "refuses to step past the stop time")
 def _stop(host: Host) -> Iterator[str]:
-    slave = Slave(host)
+    slave = FmuInstance(host)
     slave.initialise(stop=host.begin + 5 * host.step)
     slave.run(0, 5)
     status = slave.call("fmi2DoStep", host.begin + 5 * host.step, host.step, 1)
-    if status <= Status.Warning:
+    if status <= FmiStatus.Warning:
         yield "a step past the stop time of fmi2SetupExperiment is taken"
 
 
 @PROBES.check("D8.start", "error", "starts at any time, also a negative one")
 def _start(host: Host) -> Iterator[str]:
     for start in (-3.25, 17.5, 1e5):
-        slave = Slave(host)
+        slave = FmuInstance(host)
         try:
             slave.initialise(start=start)
             slave.run(0, 3, start)
@@ -108,7 +110,7 @@ def _rounding(host: Host) -> Iterator[str]:
         t = host.begin
         for k in range(_COSTED):
             status = slave.call("fmi2DoStep", t, host.step, 1)
-            if status > Status.Warning:
+            if status > FmiStatus.Warning:
                 yield (
                     f"step {k + 1} at t = {t!r} s, the {way} {k} steps, "
                     f"returned {status.name}{host.said()}"
@@ -121,7 +123,7 @@ def _rounding(host: Host) -> Iterator[str]:
 def _one_long(host: Host) -> Iterator[str]:
     if not host.facts["variable_step"]:
         raise Skip("canHandleVariableCommunicationStepSize is false")
-    short, long = Slave(host), Slave(host)
+    short, long = FmuInstance(host), FmuInstance(host)
     for slave in (short, long):
         slave.initialise()
         slave.run(0, 3)
@@ -158,7 +160,7 @@ def _status(host: Host) -> Iterator[str]:
             host.doing(f"{name}({kind})")
             slave.call(name, kind, ctypes.byref(value))
     last = c_double(math.nan)
-    if slave.call("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, ctypes.byref(last)) == Status.OK:
+    if slave.call("fmi2GetRealStatus", _LAST_SUCCESSFUL_TIME, ctypes.byref(last)) == FmiStatus.OK:
         wanted = host.begin + 2 * host.step
         if not math.isclose(last.value, wanted, rel_tol=1e-9, abs_tol=1e-12):
             yield f"the last successful time is {last.value!r} s, it should be {wanted!r} s"
@@ -174,8 +176,8 @@ def _cost(host: Host) -> Iterator[str]:
         since = time.perf_counter()
         status = step(component, t, h, 1)
         spent.append(time.perf_counter() - since)
-        if status > Status.Warning:
-            raise Failure(f"step {k + 1} returned {Status(status).name}{host.said()}")
+        if status > FmiStatus.Warning:
+            raise Failure(f"step {k + 1} returned {FmiStatus(status).name}{host.said()}")
     spent.sort()
     yield Note(
         f"fmi2DoStep of {h:g} s: median {spent[_COSTED // 2] * 1e6:.2f} us, "

@@ -12,7 +12,15 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from harness.validation.checks import PROBES, Note, Skip
-from harness.validation.probes.host import STEPS, Bits, Host, Library, Slave, compare, stepped
+from harness.validation.probes.host import (
+    STEPS,
+    Bits,
+    FmuInstance,
+    Host,
+    Library,
+    compare,
+    stepped,
+)
 from harness.validation.probes.process import resident
 
 _INSTANCES, _THREADS = 100, 8
@@ -37,7 +45,7 @@ def _several(host: Host) -> None:
 def _interleaved(host: Host) -> Iterator[str]:
     _several(host)
     reference = host.reference_run()
-    one, other = Slave(host, name=b"one"), Slave(host, name=b"other")
+    one, other = FmuInstance(host, name=b"one"), FmuInstance(host, name=b"other")
     one.initialise()
     other.initialise()
     seen: tuple[list[Bits], list[Bits]] = ([], [])
@@ -124,7 +132,7 @@ def _two_copies(host: Host) -> Iterator[str]:
     path = folder / os.path.relpath(host.facts["library"], host.facts["folder"])
     copy = Library(host, str(path))
     uri = (folder / "resources").as_uri().encode()
-    one, other = Slave(host), Slave(host, copy, resources=uri)
+    one, other = FmuInstance(host), FmuInstance(host, copy, resources=uri)
     one.initialise()
     other.initialise()
     seen: tuple[list[Bits], list[Bits]] = ([], [])

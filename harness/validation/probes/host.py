@@ -17,7 +17,7 @@ from pathlib import Path
 from typing import Any
 
 from harness.validation.checks import Failure, Skip
-from harness.validation.interface import SIGNATURES, Status
+from harness.validation.interface import SIGNATURES, FmiStatus
 
 CO_SIMULATION = 1
 STEPS = 40
@@ -79,7 +79,9 @@ class Host:
 
     def said(self) -> str:
         """Return the last message, for the end of a sentence."""
-        texts = [text for *_, status, _, text in self.messages if text and status >= Status.Warning]
+        texts = [
+            text for *_, status, _, text in self.messages if text and status >= FmiStatus.Warning
+        ]
         return f" ({texts[-1].decode('utf-8', 'replace').strip()})" if texts else ""
 
     def doing(self, text: str) -> None:
@@ -189,7 +191,7 @@ class Library:
         return self._functions[name]
 
 
-class Slave:
+class FmuInstance:
     """One instance."""
 
     def __init__(
@@ -250,13 +252,13 @@ class Slave:
         )
         return result
 
-    def call(self, name: str, *arguments: Any) -> Status:
+    def call(self, name: str, *arguments: Any) -> FmiStatus:
         """Call a function with this component and return the status."""
         self.host.calling(name)
         status = int(getattr(self.library, name)(self.component, *arguments))
-        if not Status.OK <= status <= Status.Pending:
+        if not FmiStatus.OK <= status <= FmiStatus.Pending:
             raise Failure(f"{name} returned {status}, which is no status")
-        return Status(status)
+        return FmiStatus(status)
 
     def need(self, name: str, *arguments: Any) -> None:
         """Call a function that has to succeed.
@@ -265,7 +267,7 @@ class Slave:
             Failure: it did not.
         """
         status = self.call(name, *arguments)
-        if status > Status.Warning:
+        if status > FmiStatus.Warning:
             raise Failure(f"{name} returned {status.name}{self.host.said()}")
 
     def setup(self, start: float | None = None, stop: float | None = None) -> None:
@@ -307,7 +309,7 @@ class Slave:
         self.need(f"fmi2Get{variable['type']}", *buffer.arguments)
         return buffer.values[0]
 
-    def set_to(self, variable: dict[str, Any], value: Any) -> Status:
+    def set_to(self, variable: dict[str, Any], value: Any) -> FmiStatus:
         """Set one variable; returns the status."""
         buffer = _Buffer(variable["type"], [variable["reference"]])
         buffer.values[0] = value
@@ -336,17 +338,17 @@ class Slave:
         self.component = None
 
 
-def stepped(host: Host, steps: int = 0, **more: Any) -> Slave:
-    """Return an instance that is initialised and has made some steps; `more` as for `Slave`."""
-    slave = Slave(host, **more)
+def stepped(host: Host, steps: int = 0, **more: Any) -> FmuInstance:
+    """Return an instance that is initialised and has made some steps; see `FmuInstance`."""
+    slave = FmuInstance(host, **more)
     slave.initialise()
     slave.run(0, steps)
     return slave
 
 
-def initialising(host: Host, start: float | None = None) -> Slave:
+def initialising(host: Host, start: float | None = None) -> FmuInstance:
     """Return an instance in initialisation mode."""
-    slave = Slave(host)
+    slave = FmuInstance(host)
     slave.setup(start)
     slave.need("fmi2EnterInitializationMode")
     return slave

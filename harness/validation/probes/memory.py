@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from ctypes import c_size_t, c_void_p
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import Status
-from harness.validation.probes.host import STEPS, Host, Slave, compare, stepped
+from harness.validation.interface import FmiStatus
+from harness.validation.probes.host import STEPS, FmuInstance, Host, compare, stepped
 from harness.validation.probes.process import resident
 
 _FLIPS = 4000
@@ -21,7 +21,7 @@ _GROWTH = 2**20
 """What many gets and sets may leave behind [byte]; a small state leaked each time is more."""
 
 
-def _under_way(host: Host) -> Slave:
+def _under_way(host: Host) -> FmuInstance:
     if not host.facts["has_state"]:
         raise Skip("canGetAndSetFMUstate is false")
     return stepped(host, STEPS)
@@ -89,8 +89,8 @@ def _null(host: Host) -> Iterator[str]:
     ):
         host.doing(f"{name} with NULL")
         status = slave.call(name, *arguments)
-        if status == Status.Fatal or (
-            refused is not None and (status >= Status.Discard) != refused
+        if status == FmiStatus.Fatal or (
+            refused is not None and (status >= FmiStatus.Discard) != refused
         ):
             yield f"{name} with NULL returned {status.name}"
 
@@ -119,7 +119,7 @@ def _growth(host: Host) -> Iterator[str]:
 # ---- Serialised ---------------------------------------------------------------------------------
 
 
-def _bytes(slave: Slave, state: c_void_p) -> bytes:
+def _bytes(slave: FmuInstance, state: c_void_p) -> bytes:
     size = c_size_t(0)
     slave.need("fmi2SerializedFMUstateSize", state, ctypes.byref(size))
     buffer = ctypes.create_string_buffer(size.value)
@@ -127,14 +127,14 @@ def _bytes(slave: Slave, state: c_void_p) -> bytes:
     return buffer.raw
 
 
-def _serialising(host: Host) -> tuple[Slave, bytes]:
+def _serialising(host: Host) -> tuple[FmuInstance, bytes]:
     slave = _under_way(host)
     if not host.facts["can_serialise"]:
         raise Skip("canSerializeFMUstate is false")
     return slave, _bytes(slave, slave.state())
 
 
-def _revive(slave: Slave, content: bytes) -> tuple[Status, c_void_p]:
+def _revive(slave: FmuInstance, content: bytes) -> tuple[FmiStatus, c_void_p]:
     state = c_void_p()
     status = slave.call(
         "fmi2DeSerializeFMUstate", content, c_size_t(len(content)), ctypes.byref(state)
@@ -150,7 +150,7 @@ def _serialised(host: Host) -> Iterator[str]:
     first = slave.run(STEPS, STEPS)
     other = stepped(host, name=b"other")
     status, state = _revive(other, content)
-    if status > Status.Warning:
+    if status > FmiStatus.Warning:
         raise Failure(f"fmi2DeSerializeFMUstate returned {status.name}{host.said()}")
     other.restore(state)
     yield from compare(other.run(STEPS, STEPS), first, "from a serialised state")
@@ -171,10 +171,10 @@ def _damaged(host: Host) -> Iterator[str]:
         damaged[at // 8] ^= 1 << at % 8
         host.doing(f"fmi2DeSerializeFMUstate with bit {at % 8} of byte {at // 8} flipped")
         status, state = _revive(slave, bytes(damaged))
-        if status <= Status.Warning:
+        if status <= FmiStatus.Warning:
             accepted.append(at // 8)
             host.doing(f"fmi2SetFMUstate of a state with bit {at % 8} of byte {at // 8} flipped")
-            if state and slave.call("fmi2SetFMUstate", state) <= Status.Warning:
+            if state and slave.call("fmi2SetFMUstate", state) <= FmiStatus.Warning:
                 # What a damaged state gives need not be sound, but must not end the process.
                 with contextlib.suppress(Failure):
                     slave.values()
@@ -204,5 +204,5 @@ def _length(host: Host) -> Iterator[str]:
     ):
         host.doing(f"fmi2DeSerializeFMUstate with a state {what}")
         status, _ = _revive(slave, wrong)
-        if status <= Status.Warning:
+        if status <= FmiStatus.Warning:
             yield f"a serialised state {what} is accepted"

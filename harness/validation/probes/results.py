@@ -10,8 +10,8 @@ from pathlib import Path
 from typing import Any
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import Status
-from harness.validation.probes.host import Host, Slave, initialising
+from harness.validation.interface import FmiStatus
+from harness.validation.probes.host import FmuInstance, Host, initialising
 
 REFERENCES = "extra/org.fmi-standard.fmi-ls-ref"
 """Where an FMU holds reference results (layered standard FMI-LS-REF)."""
@@ -48,7 +48,7 @@ def _derivatives(host: Host) -> Iterator[str]:
 
 
 def _disagreements(
-    slave: Slave, inputs: list[dict[str, Any]], outputs: list[dict[str, Any]], k: int
+    slave: FmuInstance, inputs: list[dict[str, Any]], outputs: list[dict[str, Any]], k: int
 ) -> dict[tuple[str, str], tuple[float, float]]:
     """Return derivative and finite difference, by output and input, where they disagree."""
     slave.stimulate(k)
@@ -74,7 +74,7 @@ def _agree(exact: float, difference: float, rounding: float) -> bool:
 
 
 def _differences(
-    slave: Slave, known: dict[str, Any], outputs: list[dict[str, Any]], share: float
+    slave: FmuInstance, known: dict[str, Any], outputs: list[dict[str, Any]], share: float
 ) -> list[tuple[float, float]] | None:
     """Return central differences of all outputs by one input, and their rounding errors.
 
@@ -84,7 +84,7 @@ def _differences(
     step = share * float(known["nominal"] or abs(known["start"] or 0.0) or 1.0)
     values = []
     for end in (at - step, at + step):
-        if slave.set_to(known, end) >= Status.Discard:
+        if slave.set_to(known, end) >= FmiStatus.Discard:
             return None
         values.append([slave.get(v) for v in outputs])
     slave.set_to(known, at)
@@ -152,7 +152,7 @@ def _reproduce(host: Host, path: Path) -> Iterator[str]:
     def put_in(k: int) -> None:
         for name, column in inputs.items():
             value = _at(start + k * step, input_times, column, variables[name])
-            if slave.set_to(variables[name], value) >= Status.Discard:
+            if slave.set_to(variables[name], value) >= FmiStatus.Discard:
                 raise Failure(f"{base}: '{name}' = {value} is refused{host.said()}")
 
     slave = initialising(host, start)

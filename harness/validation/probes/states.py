@@ -9,12 +9,12 @@ from collections.abc import Callable, Iterator
 from ctypes import c_double, c_int, c_size_t
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import Status
+from harness.validation.interface import FmiStatus
 from harness.validation.probes.host import (
     STEPS,
     Bits,
+    FmuInstance,
     Host,
-    Slave,
     compare,
     initialising,
     reals,
@@ -25,18 +25,18 @@ _CALLS_OF_A_WALK = 400
 _WALKS = 5
 
 
-def _stepping(host: Host) -> Slave:
+def _stepping(host: Host) -> FmuInstance:
     return stepped(host, 2)
 
 
-def _terminated(host: Host) -> Slave:
+def _terminated(host: Host) -> FmuInstance:
     slave = _stepping(host)
     slave.need("fmi2Terminate")
     return slave
 
 
-_STATES: dict[str, Callable[[Host], Slave]] = {
-    "instantiated": Slave,
+_STATES: dict[str, Callable[[Host], FmuInstance]] = {
+    "instantiated": FmuInstance,
     "initialisation mode": initialising,
     "step mode": _stepping,
     "terminated": _terminated,
@@ -69,7 +69,7 @@ class _Calls:
         if self.input:
             self.legal["fmi2SetReal"] = _ALL - {"terminated"}
 
-    def make(self, slave: Slave, name: str) -> Status:
+    def make(self, slave: FmuInstance, name: str) -> FmiStatus:
         host = self._host
         if name == "fmi2SetDebugLogging":
             return slave.call(name, 0, c_size_t(0), None)
@@ -95,7 +95,7 @@ def _legal(host: Host) -> Iterator[str]:
                 continue
             slave = _STATES[state](host)
             status = calls.make(slave, name)
-            if status > Status.Warning:
+            if status > FmiStatus.Warning:
                 yield f"{name} when {state} returned {status.name}{host.said()}"
             slave.free()
 
@@ -111,9 +111,9 @@ def _illegal(host: Host) -> Iterator[str]:
             slave = make(host)
             host.doing(f"{name} when {state}")
             status = calls.make(slave, name)
-            if status < Status.Discard:
+            if status < FmiStatus.Discard:
                 yield f"{name} when {state} returned {status.name}"
-            elif status == Status.Fatal:
+            elif status == FmiStatus.Fatal:
                 yield f"{name} when {state} returned Fatal"
                 continue
             elif state == "step mode":
@@ -131,7 +131,7 @@ def _null(host: Host) -> Iterator[str]:
     slave = _stepping(host)
     for verb in ("Get", "Set"):
         host.doing(f"fmi2{verb}Real with NULL arrays")
-        if slave.call(f"fmi2{verb}Real", None, c_size_t(1), None) < Status.Discard:
+        if slave.call(f"fmi2{verb}Real", None, c_size_t(1), None) < FmiStatus.Discard:
             yield f"fmi2{verb}Real of one variable with NULL arrays is OK"
     slave.free()
     for name, arguments in (
@@ -141,7 +141,7 @@ def _null(host: Host) -> Iterator[str]:
         ("fmi2GetReal", (None, c_size_t(0), None)),
     ):
         host.doing(f"{name} with a NULL component")
-        if getattr(host.library, name)(None, *arguments) < Status.Discard:
+        if getattr(host.library, name)(None, *arguments) < FmiStatus.Discard:
             yield f"{name} with a NULL component is OK"
 
 
@@ -152,7 +152,7 @@ def _walk(host: Host) -> Iterator[str]:
     status_value, number = c_int(0), c_double(0.0)
     for seed in range(_WALKS):
         dice = random.Random(seed)
-        slave = Slave(host)
+        slave = FmuInstance(host)
         past: list[str] = []
         steps = 0
         for _ in range(_CALLS_OF_A_WALK):
@@ -177,11 +177,11 @@ def _walk(host: Host) -> Iterator[str]:
             elif name == "fmi2DoStep":
                 t = host.begin + steps * host.step
                 status = int(host.library.fmi2DoStep(slave.component, t, host.step, 1))
-                steps += status <= Status.Warning
+                steps += status <= FmiStatus.Warning
             else:
                 status = int(calls.make(slave, name))
                 steps = 0 if name == "fmi2Reset" else steps
-            if status == Status.Fatal:
+            if status == FmiStatus.Fatal:
                 yield f"walk {seed}: {name} returned Fatal after {' '.join(past[-4:])}"
                 break
         else:
@@ -194,7 +194,7 @@ def _walk(host: Host) -> Iterator[str]:
 @PROBES.check("D12.reset", "error", "fmi2Reset gives a fresh instance, bit for bit")
 def _reset(host: Host) -> Iterator[str]:
     reference = host.reference_run()
-    slave = Slave(host)
+    slave = FmuInstance(host)
     for parameter in host.variables("Real", causality="parameter")[:1]:
         slave.set_to(parameter, float(parameter["start"] or 0.0))
     slave.initialise()
@@ -213,8 +213,8 @@ def _start_values(host: Host) -> Iterator[str]:
     ]
     if not moved:
         raise Skip("no Real parameter has room to move")
-    slave = Slave(host)
-    changed = [v for v in moved if slave.set_to(v, 1.001 * v["start"]) <= Status.Warning]
+    slave = FmuInstance(host)
+    changed = [v for v in moved if slave.set_to(v, 1.001 * v["start"]) <= FmiStatus.Warning]
     slave.need("fmi2Reset")
     slave.setup()
     slave.need("fmi2EnterInitializationMode")
@@ -228,14 +228,14 @@ def _reset_after_error(host: Host) -> Iterator[str]:
     reference = host.reference_run()
     slave = stepped(host, 3)
     host.doing("fmi2DoStep with a negative step")
-    if slave.call("fmi2DoStep", host.begin + 3 * host.step, -1.0, 1) == Status.Fatal:
+    if slave.call("fmi2DoStep", host.begin + 3 * host.step, -1.0, 1) == FmiStatus.Fatal:
         raise Skip("a negative step is answered by Fatal")
     for variable in host.inputs[:1]:
         slave.set_to(variable, math.inf)
     yield from _again(slave, reference, "after an error")
 
 
-def _again(slave: Slave, reference: list[Bits], when: str) -> Iterator[str]:
+def _again(slave: FmuInstance, reference: list[Bits], when: str) -> Iterator[str]:
     slave.need("fmi2Reset")
     slave.initialise()
     yield from compare(slave.run(0, len(reference)), reference, f"after fmi2Reset {when}")

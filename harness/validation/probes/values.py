@@ -9,11 +9,11 @@ from functools import partial
 from typing import Any
 
 from harness.validation.checks import PROBES, Failure, Note, Skip
-from harness.validation.interface import Status
+from harness.validation.interface import FmiStatus
 from harness.validation.probes.host import (
     STEPS,
+    FmuInstance,
     Host,
-    Slave,
     compare,
     initialising,
     number,
@@ -41,7 +41,7 @@ def _nothing(host: Host) -> Iterator[str]:
     for kind in ("Real", "Integer", "Boolean"):
         for verb in ("Get", "Set"):
             status = slave.call(f"fmi2{verb}{kind}", None, c_size_t(0), None)
-            if status > Status.Warning:
+            if status > FmiStatus.Warning:
                 yield f"fmi2{verb}{kind} of no variables returned {status.name}"
 
 
@@ -54,7 +54,7 @@ def _unknown(host: Host) -> Iterator[str]:
             slave = stepped(host)
             references, values = (c_uint * 1)(reference), (c_double * 1)(0.0)
             status = slave.call(f"fmi2{verb}{kind}", references, c_size_t(1), values)
-            if status < Status.Discard:
+            if status < FmiStatus.Discard:
                 yield (
                     f"fmi2{verb}{kind} with the unknown value reference {reference} "
                     f"returned {status.name}"
@@ -67,7 +67,7 @@ def _computed(host: Host) -> Iterator[str]:
         for variable in host.variables("Real", causality=causality)[:1]:
             slave = stepped(host)
             status = slave.set_to(variable, slave.get(variable))
-            if status < Status.Discard:
+            if status < FmiStatus.Discard:
                 yield f"{causality} '{variable['name']}' can be set between steps"
 
 
@@ -82,7 +82,7 @@ def _atomic(host: Host) -> Iterator[str]:
     references = (c_uint * 2)(inputs[0]["reference"], inputs[-1]["reference"])
     values = (c_double * 2)(_other(inputs[0], before), math.nan)
     status = slave.call("fmi2SetReal", references, c_size_t(2), values)
-    if status < Status.Discard:
+    if status < FmiStatus.Discard:
         raise Skip("no value is refused")
     after = slave.get(inputs[0])
     if after != before:
@@ -113,12 +113,12 @@ def _bad_input(host: Host, bad: float) -> Iterator[str]:
         seen = slave.run(0, STEPS // 2)
         host.doing(f"fmi2SetReal of '{variable['name']}' = {bad}")
         status = slave.set_to(variable, bad)
-        if status == Status.Fatal:
+        if status == FmiStatus.Fatal:
             yield f"'{variable['name']}' = {bad} is answered by Fatal"
             continue
-        if status >= Status.Discard:
+        if status >= FmiStatus.Discard:
             refused += 1
-            if status == Status.Discard:
+            if status == FmiStatus.Discard:
                 seen += slave.run(STEPS // 2, STEPS - STEPS // 2)
                 yield from compare(
                     seen, reference, f"after '{variable['name']}' = {bad} was refused"
@@ -129,10 +129,15 @@ def _bad_input(host: Host, bad: float) -> Iterator[str]:
     yield Note(f"{refused} of {len(inputs)} inputs refuse {bad}")
 
 
-def _swallowed(host: Host, slave: Slave, variable: dict[str, Any], bad: float) -> Iterator[str]:
+def _swallowed(
+    host: Host, slave: FmuInstance, variable: dict[str, Any], bad: float
+) -> Iterator[str]:
     what = f"'{variable['name']}' = {bad}"
     host.doing(f"fmi2DoStep after {what} was accepted")
-    if slave.call("fmi2DoStep", host.begin + STEPS // 2 * host.step, host.step, 1) > Status.Warning:
+    if (
+        slave.call("fmi2DoStep", host.begin + STEPS // 2 * host.step, host.step, 1)
+        > FmiStatus.Warning
+    ):
         yield f"{what} is accepted, and fails only in the step after"
         return
     unsound = [
@@ -161,7 +166,7 @@ def _range(host: Host) -> Iterator[str]:
     ]
     if not limited:
         raise Skip("nothing has limits")
-    slave = Slave(host)
+    slave = FmuInstance(host)
     for variable in limited:
         for limit, away in ((variable["low"], -1), (variable["high"], 1)):
             bad = limit + away * (abs(limit) * 1e-6 + 1e-9 if variable["type"] == "Real" else 1)
@@ -171,14 +176,14 @@ def _range(host: Host) -> Iterator[str]:
                 continue
             value = bad if variable["type"] == "Real" else int(bad)
             status = slave.set_to(variable, value)
-            if status < Status.Discard:
+            if status < FmiStatus.Discard:
                 yield (
                     f"'{variable['name']}' = {value!r} is accepted, its limits are "
                     f"[{variable['low']:g}, {variable['high']:g}]"
                 )
-            if status >= Status.Error:
+            if status >= FmiStatus.Error:
                 slave.free()
-                slave = Slave(host)
+                slave = FmuInstance(host)
 
 
 @PROBES.check("D7.outputs", "error", "outputs are finite and within their declared limits")
@@ -213,7 +218,7 @@ def _fixed(host: Host) -> Iterator[str]:
         slave = stepped(host)
         status = slave.set_to(variable, slave.get(variable))
         slave.free()
-        if status < Status.Discard:
+        if status < FmiStatus.Discard:
             yield f"fixed parameter '{variable['name']}' can be set between steps"
 
 
@@ -227,18 +232,18 @@ def _tunable(host: Host) -> Iterator[str]:
     slave = stepped(host)
     for variable in tunable:
         status = slave.set_to(variable, slave.get(variable))
-        if status != Status.OK:
+        if status != FmiStatus.OK:
             yield f"tunable parameter '{variable['name']}' is refused with {status.name}"
 
 
 @PROBES.check("D6.settable", "error", "parameters and inputs can be set before initialisation")
 def _settable(host: Host) -> Iterator[str]:
-    slave = Slave(host)
+    slave = FmuInstance(host)
     for variable in host.variables("Real", "Integer", "Boolean"):
         if variable["causality"] not in {"parameter", "input"} or variable["start"] is None:
             continue
         status = slave.set_to(variable, variable["start"])
-        if status > Status.Warning:
+        if status > FmiStatus.Warning:
             yield f"'{variable['name']}' refuses its own start value with {status.name}"
     try:
         slave.initialise()

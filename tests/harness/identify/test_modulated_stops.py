@@ -15,7 +15,7 @@ from harness.identify.hysteresis.modulated_stops import StopsFit, excitation, id
 from harness.recordings.motion import recordings
 from harness.reproduce.experiments import tracking
 from harness.reproduce.experiments.stack import read
-from harness.reproduce.experiments.tracking import FREQUENCIES, Tracker
+from harness.reproduce.experiments.tracking import FREQUENCIES, TrackingController
 
 pytestmark = pytest.mark.xdist_group("modulated_stops")  # its tests share what takes long
 
@@ -36,7 +36,7 @@ def fit(recording) -> StopsFit:
 
 
 @pytest.fixture(scope="module")
-def tracker(fit) -> Tracker:
+def tracker(fit) -> TrackingController:
     return tracking.stops_tracker(fit)
 
 

@@ -13,7 +13,7 @@ from harness.reproduce.experiments.tracking import (
     SECONDS,
     SEEDS,
     Track,
-    Tracker,
+    TrackingController,
     recorded,
     stops,
     stops_tracker,
@@ -41,7 +41,7 @@ def run(context: Context) -> ItemResult:
     volts, stroke = recorded()
     noisy = read(stroke, SEEDS["excitation"])
 
-    def rms(tracker: Tracker, noise: bool = True, **more: object) -> float:
+    def rms(tracker: TrackingController, noise: bool = True, **more: object) -> float:
         """Return the rms error with its mean, over all frequencies [um]."""
         squares = []
         for frequency in FREQUENCIES:
@@ -50,7 +50,7 @@ def run(context: Context) -> ItemResult:
             squares.append(np.sqrt(np.mean(track.error**2)))
         return 1e6 * float(np.mean(squares))
 
-    def fitted(measured: np.ndarray = noisy, **more: object) -> Tracker:
+    def fitted(measured: np.ndarray = noisy, **more: object) -> TrackingController:
         return stops_tracker(identify_stops(volts, measured, 1 / RATE, **more))  # type: ignore[arg-type]
 
     def late(adaptation: float) -> float:

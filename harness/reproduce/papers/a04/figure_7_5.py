@@ -25,8 +25,8 @@ def run(context: Context) -> ItemResult:
         y = operator(volts, (THRESHOLD,), (weight,))
         rising = np.gradient(volts) > 0
         middle = np.abs(y) < 0.5 * weight * (TOP - THRESHOLD)
-        apart = volts - y / weight  # r on the way up, -r on the way down
-        width = apart[cycle & middle & rising].mean() - apart[cycle & middle & ~rising].mean()
+        offset = volts - y / weight  # r on the way up, -r on the way down
+        width = offset[cycle & middle & rising].mean() - offset[cycle & middle & ~rising].mean()
         setting = f"r = {THRESHOLD:g} V, w_h = {weight:g}"
         row = ("width of the loop (paper: 2 r)", "V", 2 * THRESHOLD, width)
         figures += figures_of(SOURCE, setting, [row])

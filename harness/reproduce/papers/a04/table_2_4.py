@@ -63,10 +63,10 @@ def covariances(sigma: float) -> dict[str, NDArray[Any]]:
     first, second = np.array(kinematics.PAIRS).T
     points = np.sqrt(3.0) * np.sqrt(2.0) * sigma * np.hstack([np.eye(3), -np.eye(3)])
     images = rates(points)
-    apart = images - images.mean(axis=1, keepdims=True)
+    deviations = images - images.mean(axis=1, keepdims=True)
     return {
         "Monte Carlo": np.cov(rates(channels[second] - channels[first])),
-        "sigma points": apart @ apart.T / 6,
+        "sigma points": deviations @ deviations.T / 6,
     }
 
 
