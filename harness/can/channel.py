@@ -106,6 +106,9 @@ class CanChannel:
         self._next_try = 0
         self._bus = self._open()
 
+    def _is_shut(self) -> bool:
+        return self.state is not State.OPEN
+
     def _open(self) -> Any:
         can, address = self._can, self._address
         named = {"interface": address.interface, "channel": address.channel}
@@ -130,9 +133,9 @@ class CanChannel:
         Args:
             timeout: how long to wait for it [s].
         """
-        if self.state is not State.OPEN:
+        if self._is_shut():
             self._restore()
-            if self.state is not State.OPEN:
+            if self._is_shut():
                 time.sleep(min(max(timeout, 0.0), 1e-3))
                 return None
         try:

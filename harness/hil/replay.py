@@ -22,7 +22,7 @@ from harness.can.timing import Timing
 from harness.hil.board import part_on_bus
 from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
 from harness.parts.can.feed import FeedPart
-from harness.results.recorder import PARQUET
+from harness.recordings.run_record import PARQUET
 from harness.results.result import Result
 from harness.running import perform
 from harness.scenario import load as scenarios

@@ -158,7 +158,7 @@ OPERATORS = {
         creeping.MODEL,
         modulated_stops.excitation,
         plays.identify_creeping,
-        f"{_PLAYS}, {creeping.WIDTHS * creeping.LAGS} creep operators",
+        f"{_PLAYS}, {creeping.WIDTHS * stops.LAGS} creep operators",
     ),
 }
 """Operators by their name on the command line."""

@@ -1,5 +1,7 @@
 """E13 figure 4.9: three occlusions in one acquisition, over time."""
 
+from typing import Any
+
 import numpy as np
 
 from harness.report.page import Plot
@@ -65,7 +67,7 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _plot(motion: TrackedMotion, part: slice, found: dict) -> Plot:
+def _plot(motion: TrackedMotion, part: slice, found: dict[str, Any]) -> Plot:
     time, new = motion.time[part], motion.new[part]
     true = 1e3 * motion.position[part, AXIS]
     at = np.full(int(new.sum()), true.min())
