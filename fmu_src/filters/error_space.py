@@ -20,7 +20,7 @@ Process = Callable[[Any, Any], Record]
 Residual = Callable[[Any, Any], Any]
 
 
-class Part(NamedTuple):
+class ErrorPart(NamedTuple):
     """Where a field stands in the state and in its error, and whether it is a rotation."""
 
     whole: slice
@@ -41,7 +41,7 @@ class Space:
         self, record: type[Record], *rotations: str, fields: Collection[str] | None = None
     ) -> None:
         self.record, self._rotations = record, rotations
-        self.parts: dict[str, Part] = {}
+        self.parts: dict[str, ErrorPart] = {}
         at = error_at = 0
         for name, field in record.fields.items():
             assert isinstance(field, Field), "nominal states are flat"
@@ -49,7 +49,7 @@ class Space:
                 continue
             turns = name in rotations
             end, error_end = at + field.size, error_at + (3 if turns else field.size)
-            self.parts[name] = Part(slice(at, end), slice(error_at, error_end), turns)
+            self.parts[name] = ErrorPart(slice(at, end), slice(error_at, error_end), turns)
             at, error_at = end, error_end
         self.size, self.error_size = at, error_at
 

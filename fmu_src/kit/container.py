@@ -59,7 +59,7 @@ class Member:
 
 
 @dataclass(frozen=True)
-class Link:
+class MemberLink:
     """From an output of a member to an input of another, each `(member, scalar)`.
 
     Attributes:
@@ -104,7 +104,7 @@ class Container(Model):
     """Members and links as a model; made by `contain`."""
 
     members: tuple[Member, ...] = ()
-    links: tuple[Link, ...] = ()
+    links: tuple[MemberLink, ...] = ()
 
     @property
     def documentation(self) -> str:
@@ -275,7 +275,7 @@ class Container(Model):
 
 
 def contain(
-    name: str, members: Sequence[Member], links: Sequence[Link], sample_period: float
+    name: str, members: Sequence[Member], links: Sequence[MemberLink], sample_period: float
 ) -> Container:
     """Put models into a container.
 
@@ -347,7 +347,7 @@ def contain(
     return found
 
 
-def _delayed(links: Sequence[Link]) -> dict[tuple[str, str], int]:
+def _delayed(links: Sequence[MemberLink]) -> dict[tuple[str, str], int]:
     """Return outputs that arrive later, with the longest of their delays [ticks]."""
     found: dict[tuple[str, str], int] = {}
     for link in links:
@@ -361,7 +361,7 @@ def _no_step(*_arguments: Any) -> Any:
 
 
 def _check(
-    name: str, members: Sequence[Member], links: Sequence[Link], sample_period: float
+    name: str, members: Sequence[Member], links: Sequence[MemberLink], sample_period: float
 ) -> None:
     for what in (name, *(member.name for member in members)):
         if not _IDENTIFIER.fullmatch(what) or what == WIRES:
@@ -400,7 +400,7 @@ def _unlisted(record: type[Record]) -> type[Record]:
 
 
 def _narrowed(
-    member: Member, scalar: Scalar, members: Sequence[Member], links: Sequence[Link]
+    member: Member, scalar: Scalar, members: Sequence[Member], links: Sequence[MemberLink]
 ) -> Field:
     """Limit an output to its own limits and those of the inputs that it drives."""
     fields = [scalar.field]

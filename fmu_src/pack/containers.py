@@ -6,27 +6,27 @@ from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
-from fmu_src.kit.container import Container, Link, Member, contain
+from fmu_src.kit.container import Container, Member, MemberLink, contain
 from fmu_src.pack import compiler
 from fmu_src.pack.build import build_file
 from fmu_src.pack.discovery import load_model
 
 
 @dataclass(frozen=True)
-class Plan:
+class ContainerPlan:
     """What a container is to hold, before any model is loaded.
 
     Attributes:
         name: of the container, a C identifier.
         members: in run order: name of the member and of its model.
-        links: between members; see `fmu_src.kit.container.Link`.
+        links: between members; see `fmu_src.kit.container.MemberLink`.
         sample_period: the tick [s].
         starts: of each member, parameters that start elsewhere than the model's, by scalar names.
     """
 
     name: str
     members: Sequence[tuple[str, str]]
-    links: Sequence[Link]
+    links: Sequence[MemberLink]
     sample_period: float
     starts: Mapping[str, Mapping[str, float]] = field(default_factory=dict)
 
@@ -49,7 +49,7 @@ class Plan:
 
 
 def build_container(
-    plan: Plan,
+    plan: ContainerPlan,
     path: Path,
     targets: Collection[str] | None = None,
     progress: Callable[[str], None] = lambda name: None,

@@ -10,7 +10,7 @@ from pathlib import Path
 
 from fmu_src.kit.model import Model
 from fmu_src.pack.discovery import load_model, model_names
-from fmu_src.pack.docs.variables import Row, rows, source
+from fmu_src.pack.docs.variables import VariableRow, rows, source
 
 PAGE = Path(__file__).parents[1] / "MODELS.md"
 
@@ -52,7 +52,7 @@ def _section(model: Model) -> Iterator[str]:
             )
 
 
-def _line(row: Row) -> str:
+def _line(row: VariableRow) -> str:
     shape = f" ({row.shape})" if row.shape else ""
     return f"| `{row.name}`{shape} | {row.unit} | {row.start} | {row.limits} | {row.sentence} |"
 

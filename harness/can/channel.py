@@ -24,7 +24,7 @@ from fmu_src.errors import SteadytipError
 from harness.can.database import Database
 from harness.common.errors import FaultError
 
-__all__ = ["Address", "CanChannel", "State", "now"]
+__all__ = ["Address", "CanChannel", "ChannelState", "now"]
 
 RETRY = 100_000  # us between two tries to begin anew
 TRIES = 3
@@ -39,7 +39,7 @@ def now() -> int:
     return (_base + time.monotonic_ns()) // 1000
 
 
-class State(IntEnum):
+class ChannelState(IntEnum):
     """Of a medium."""
 
     OPEN = 0
@@ -99,7 +99,7 @@ class CanChannel:
         self._options: dict[str, Any] = dict(address.options)
         if database.is_fd:
             self._options.setdefault("fd", True)
-        self.state = State.OPEN
+        self.state = ChannelState.OPEN
         self.reason = ""
         self.offs = 0
         self._since = 0
@@ -107,7 +107,7 @@ class CanChannel:
         self._bus = self._open()
 
     def _is_shut(self) -> bool:
-        return self.state is not State.OPEN
+        return self.state is not ChannelState.OPEN
 
     def _open(self) -> Any:
         can, address = self._can, self._address
@@ -141,14 +141,14 @@ class CanChannel:
         try:
             message = self._bus.recv(timeout)
         except (self._can.CanError, OSError) as error:
-            self._leave(State.GONE, f"reading failed: {error}")
+            self._leave(ChannelState.GONE, f"reading failed: {error}")
             return None
         if message is None:
             return None
         stamp, there = round(message.timestamp * 1e6), now()
         message.timestamp = stamp if 0 <= there - stamp < _TRUSTED else there
         if self._transport.is_bus_off(message):
-            self._leave(State.BUS_OFF, "the controller is off the bus")
+            self._leave(ChannelState.BUS_OFF, "the controller is off the bus")
             return None
         return message
 
@@ -158,7 +158,7 @@ class CanChannel:
         Returns:
             The message as it was sent; None if the bus does not take it.
         """
-        if self.state is not State.OPEN:
+        if self.state is not ChannelState.OPEN:
             return None
         message = self._can.Message(
             arbitration_id=id,
@@ -171,14 +171,14 @@ class CanChannel:
         try:
             self._bus.send(message)
         except (self._can.CanError, OSError) as error:
-            self._leave(State.GONE, f"writing failed: {error}")
+            self._leave(ChannelState.GONE, f"writing failed: {error}")
             return None
         return message
 
     def tick(self) -> None:
         """Look how the controller is, where its driver tells without being asked by a frame."""
-        if self.state is State.OPEN and self._bus.state is self._can.BusState.ERROR:
-            self._leave(State.BUS_OFF, "the controller is off the bus")
+        if self.state is ChannelState.OPEN and self._bus.state is self._can.BusState.ERROR:
+            self._leave(ChannelState.BUS_OFF, "the controller is off the bus")
 
     def declare_bus_off(self) -> None:
         """Send the error frame with which a controller says that it leaves the bus."""
@@ -188,33 +188,33 @@ class CanChannel:
     def unplug(self, seconds: float) -> None:
         """Leave the bus as if the plug was pulled, and come back later [s]."""
         self.close()
-        self._leave(State.GONE, "unplugged")
+        self._leave(ChannelState.GONE, "unplugged")
         self._next_try = self._since + round(seconds * 1e6)
 
     def recovered(self) -> None:
         """Take note of a whole sample: earlier trouble is over."""
         self.offs = 0
 
-    def _leave(self, state: State, reason: str) -> None:
+    def _leave(self, state: ChannelState, reason: str) -> None:
         self.state, self.reason = state, reason
         self._since = now()
         self._next_try = self._since + RETRY
-        if state is State.BUS_OFF:
+        if state is ChannelState.BUS_OFF:
             self.offs += 1
             if self.offs > TRIES:
-                self.state = State.FAILED
+                self.state = ChannelState.FAILED
                 self.reason = f"off the bus again after {TRIES} restarts without a whole sample"
 
     def _restore(self) -> None:
         there = now()
-        if self.state is State.FAILED or there < self._next_try:
+        if self.state is ChannelState.FAILED or there < self._next_try:
             return
         self._next_try = there + RETRY
         if self._came_back():
-            self.state = State.OPEN
+            self.state = ChannelState.OPEN
         elif there - self._since > self._address.patience * 1e6:
             self.reason += f", and it did not come back within {self._address.patience:g} s"
-            self.state = State.FAILED
+            self.state = ChannelState.FAILED
 
     def _came_back(self) -> bool:
         try:

@@ -30,11 +30,11 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any, Protocol
 
-from harness.can.channel import Address, CanChannel, State, now
+from harness.can.channel import Address, CanChannel, ChannelState, now
 from harness.can.codec import Codec
 from harness.can.database import HOLD, OFF, OPERATIONAL, RUN, STOPPED, Database, Message
 from harness.can.precise_sleep import sleep_until
-from harness.can.reception import Event, Reception, Sample
+from harness.can.reception import Reception, ReceptionEvent, Sample
 from harness.can.timing import Timing
 from harness.can.voltage_ramp import VoltageRamp
 from harness.common.errors import FaultError
@@ -77,7 +77,7 @@ class Turn:
     index: int
     time: int
     steps: int
-    state: State
+    state: ChannelState
     overran: bool
 
     def packed(self) -> bytes:
@@ -176,13 +176,13 @@ class ControllerNode:
         self.fault = ""
         self.age = 0.0
         self.latency = 0.0
-        self.events: list[Event] = []
+        self.events: list[ReceptionEvent] = []
         self._event_ticks: list[int] = []
         self.journal: Journal = _NoJournal()
         self.idle: Callable[[], None] = lambda: None
         self._medium: CanChannel | None = None
-        self._state = State.OPEN
-        self._turn = Turn(0, 0, 1, State.OPEN, False)
+        self._state = ChannelState.OPEN
+        self._turn = Turn(0, 0, 1, ChannelState.OPEN, False)
         self._fresh = False
         self._beaten: int | None = None
         self._begun = 0
@@ -220,7 +220,7 @@ class ControllerNode:
                 self._beat(OPERATIONAL)
                 beat = there + 100_000
             self._take_one(0.01)
-            if self._medium.state is State.FAILED:
+            if self._medium.state is ChannelState.FAILED:
                 raise FaultError(f"the CAN bus ({self.address}): {self._medium.reason}")
         # What came with the sample, a heartbeat that says operational.
         while self._take_one(0.0):
@@ -270,7 +270,7 @@ class ControllerNode:
         medium.tick()
         there = now()
         turn = self.turn(index, there, medium.state, overran)
-        if medium.state is State.FAILED:
+        if medium.state is ChannelState.FAILED:
             raise FaultError(f"the CAN bus ({self.address}) failed: {medium.reason}")
         return turn
 
@@ -344,7 +344,7 @@ class ControllerNode:
             return
         at = time.monotonic()
         farewells = 0
-        while farewells < _FAREWELLS and medium.state is State.OPEN:
+        while farewells < _FAREWELLS and medium.state is ChannelState.OPEN:
             self.drive.step(None)
             self.mode = OFF if self.drive.is_at_rest else HOLD
             farewells += self.mode == OFF
@@ -362,7 +362,7 @@ class ControllerNode:
         odd = message.is_remote_frame or message.is_error_frame
         self.reception.take(message.timestamp, id, bytes(message.data), odd, message.is_fd)
 
-    def turn(self, index: int, time: int, state: State, overran: bool) -> Turn:
+    def turn(self, index: int, time: int, state: ChannelState, overran: bool) -> Turn:
         """Begin a tick: which sample the parts see, how old it is, and whether it may be used."""
         reception = self.reception
         reception.tick(time)
@@ -402,23 +402,23 @@ class ControllerNode:
         self.journal.turn(time, self._turn.packed())
         return self._turn
 
-    def _changed(self, time: int, state: State) -> None:
-        kind = {State.BUS_OFF: "bus_off", State.GONE: "unplugged"}.get(state)
+    def _changed(self, time: int, state: ChannelState) -> None:
+        kind = {ChannelState.BUS_OFF: "bus_off", ChannelState.GONE: "unplugged"}.get(state)
         if kind is not None:
             self.reception.counts[kind] += 1
             reason = self._medium.reason if self._medium is not None else ""
-            self._happened(Event(time, kind, reason or kind.replace("_", "-")))
-        if state is State.OPEN:
+            self._happened(ReceptionEvent(time, kind, reason or kind.replace("_", "-")))
+        if state is ChannelState.OPEN:
             self.reception.restart()
         self._state = state
 
-    def _judge(self, time: int, state: State) -> None:
+    def _judge(self, time: int, state: ChannelState) -> None:
         """Age and fault of the held sample."""
         held, was = self.held, self.fault
         self._happened(*self.reception.events)
         self.reception.events.clear()
-        if state is not State.OPEN:
-            self.fault = "bus_off" if state is State.BUS_OFF else "unplugged"
+        if state is not ChannelState.OPEN:
+            self.fault = "bus_off" if state is ChannelState.BUS_OFF else "unplugged"
         elif not self.reception.has_samples:
             self.fault = self.reception.fault
         elif held is None or self.number is None:
@@ -433,9 +433,9 @@ class ControllerNode:
             self._medium.recovered()
         if self.fault != was:
             words = f"invalid: {self.fault}" if self.fault else f"valid again after {was}"
-            self._happened(Event(time, self.fault or was, words))
+            self._happened(ReceptionEvent(time, self.fault or was, words))
 
-    def _happened(self, *events: Event) -> None:
+    def _happened(self, *events: ReceptionEvent) -> None:
         """Keep events, as many as anybody can read; their counts go on."""
         self.events += events[: max(0, _MOST_EVENTS - len(self.events))]
 

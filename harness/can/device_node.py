@@ -12,10 +12,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from harness.can.channel import Address, CanChannel, State, now
+from harness.can.channel import Address, CanChannel, ChannelState, now
 from harness.can.controller_node import Outgoing
 from harness.can.database import OFF, OPERATIONAL, PRE_OPERATIONAL, STOPPED, Database
-from harness.can.fault_injection import Fault, FaultInjection
+from harness.can.fault_injection import FaultInjection, InjectedFault
 from harness.can.precise_sleep import sleep_until
 from harness.can.reception import ReceivedMessage, Reception
 from harness.can.voltage_ramp import VoltageRamp
@@ -44,7 +44,7 @@ class DeviceNode:
         address: Address,
         step: float,
         drift: float = 0.0,
-        faults: Sequence[Fault] = (),
+        faults: Sequence[InjectedFault] = (),
         seed: int = 0,
     ) -> None:
         """Get ready; `open` goes on the bus.
@@ -123,7 +123,7 @@ class DeviceNode:
         while self._take_one(0.0):
             pass
         assert self._medium is not None
-        if self._medium.state is State.FAILED:
+        if self._medium.state is ChannelState.FAILED:
             raise FaultError(f"the CAN bus ({self._address}) failed: {self._medium.reason}")
         self.index = index
         self._apply(now())

@@ -34,7 +34,7 @@ from typing import Any
 from fmu_src.errors import SteadytipError
 from harness.common.errors import nearest
 
-__all__ = ["KINDS", "Fault", "FaultInjection", "parse"]
+__all__ = ["KINDS", "FaultInjection", "InjectedFault", "parse"]
 
 Frame = tuple[int, bytes, bool, bool]
 """Id, data, of CAN FD, with 29 bit of id."""
@@ -65,7 +65,7 @@ _TEXT = re.compile(
 
 
 @dataclass(frozen=True)
-class Fault:
+class InjectedFault:
     """One thing that goes wrong.
 
     Attributes:
@@ -88,7 +88,7 @@ class Fault:
         return f"{self.kind}:{self.rate:g}{span}"
 
 
-def parse(text: str) -> Fault:
+def parse(text: str) -> InjectedFault:
     """Read a fault as it is written on the command line.
 
     Raises:
@@ -113,13 +113,13 @@ def parse(text: str) -> Fault:
         raise SteadytipError(
             f"fault '{text}': RATE is a probability, 0 to 1, and START comes before END"
         )
-    return Fault(found["kind"], rate, start, end)
+    return InjectedFault(found["kind"], rate, start, end)
 
 
 class FaultInjection:
     """Stands between a board and its bus."""
 
-    def __init__(self, faults: Sequence[Fault], seed: int, ids: Sequence[int]) -> None:
+    def __init__(self, faults: Sequence[InjectedFault], seed: int, ids: Sequence[int]) -> None:
         """Plan.
 
         Args:
@@ -131,8 +131,8 @@ class FaultInjection:
         self._random = random.Random(seed)
         self._known = frozenset(ids)
         self._time = 0.0
-        self._active: tuple[Fault, ...] = ()
-        self._begun: set[Fault] = set()
+        self._active: tuple[InjectedFault, ...] = ()
+        self._begun: set[InjectedFault] = set()
         self._later: list[tuple[int, Frame]] = []
         self._sample = 0
         self._aside: Frame | None = None

@@ -24,7 +24,7 @@ from __future__ import annotations
 
 from enum import IntEnum
 
-__all__ = ["MOST_LOST", "Counter", "Status"]
+__all__ = ["MOST_LOST", "CheckStatus", "Counter"]
 
 MOST_LOST = 2
 """Frames in a row that may be missing without a fault."""
@@ -32,7 +32,7 @@ _TO_SYNC = 2
 """Good frames that end a wrong sequence."""
 
 
-class Status(IntEnum):
+class CheckStatus(IntEnum):
     """Of one intact frame."""
 
     INITIAL = 0
@@ -43,7 +43,7 @@ class Status(IntEnum):
     SYNC = 5
 
 
-USABLE = (Status.INITIAL, Status.OK, Status.OK_SOME_LOST)
+USABLE = (CheckStatus.INITIAL, CheckStatus.OK, CheckStatus.OK_SOME_LOST)
 
 
 class Counter:
@@ -65,24 +65,24 @@ class Counter:
         """Whether two good frames have followed the last wrong sequence."""
         return self._to_sync == 0
 
-    def take(self, counter: int) -> Status:
+    def take(self, counter: int) -> CheckStatus:
         """Judge an intact frame by its counter."""
         last, self._last = self._last, counter
         self.lost = 0
         if last is None:
-            return Status.INITIAL
+            return CheckStatus.INITIAL
         step = (counter - last) % self._modulus
         if step == 0:
-            return Status.REPEATED
+            return CheckStatus.REPEATED
         if step > MOST_LOST + 1 or counter >= self._modulus:
             self._to_sync = _TO_SYNC
-            return Status.WRONG_SEQUENCE
+            return CheckStatus.WRONG_SEQUENCE
         self.lost = step - 1
         if self._to_sync > 1:
             self._to_sync -= 1
-            return Status.SYNC
+            return CheckStatus.SYNC
         self._to_sync = 0
-        return Status.OK_SOME_LOST if self.lost else Status.OK
+        return CheckStatus.OK_SOME_LOST if self.lost else CheckStatus.OK
 
     def silence(self) -> None:
         """Nothing came within the timeout: the next frames have to prove themselves."""

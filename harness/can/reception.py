@@ -31,9 +31,9 @@ from dataclasses import dataclass, field
 from harness.can.clock import BoardClock
 from harness.can.codec import Codec
 from harness.can.database import OPERATIONAL, Database, Message, frame_time
-from harness.can.protection import USABLE, Counter, Status
+from harness.can.protection import USABLE, CheckStatus, Counter
 
-__all__ = ["FAULTS", "Event", "Reception", "Sample"]
+__all__ = ["FAULTS", "Reception", "ReceptionEvent", "Sample"]
 
 FAULTS = (
     "lost",
@@ -63,7 +63,7 @@ _BABBLE = 500.0  # unknown frames a second that are babbling (chosen: half of a 
 
 
 @dataclass(frozen=True)
-class Event:
+class ReceptionEvent:
     """A fault begins.
 
     Attributes:
@@ -179,7 +179,7 @@ class Reception:
         self.ready: deque[Sample] = deque()
         self.clock = BoardClock(period)
         self.counts = dict.fromkeys(FAULTS, 0)
-        self.events: list[Event] = []
+        self.events: list[ReceptionEvent] = []
         self.load = 0.0
         self.peak_load = 0.0
         self._window: int | None = None
@@ -237,10 +237,10 @@ class Reception:
         counter = heard.counter
         if counter is not None:
             status = counter.take(heard.counter_of(data))
-            if status is not Status.REPEATED:
+            if status is not CheckStatus.REPEATED:
                 heard.last = time
                 heard.silent = False
-            if status is not Status.OK and not self._usable(heard, status, time):
+            if status is not CheckStatus.OK and not self._usable(heard, status, time):
                 return None
         values, bad = heard.decode(data)
         counts["received"] += 1
@@ -268,7 +268,9 @@ class Reception:
             kind = "heartbeat" if heard.message.role == "heartbeat" else "timeouts"
             self.counts[kind] += 1
             text = f"no {name} for {(time - heard.last) / 1e3:.1f} ms"
-            self.events.append(Event(time, kind, f"{text}, more than {heard.timeout / 1e3:g} ms"))
+            self.events.append(
+                ReceptionEvent(time, kind, f"{text}, more than {heard.timeout / 1e3:g} ms")
+            )
             if heard.counter is not None:
                 heard.counter.silence()
                 self._gap = self._gap or heard.part >= 0
@@ -302,24 +304,24 @@ class Reception:
             if heard.counter is not None:
                 heard.counter.silence()
 
-    def _usable(self, heard: ReceivedMessage, status: Status, time: int) -> bool:
+    def _usable(self, heard: ReceivedMessage, status: CheckStatus, time: int) -> bool:
         """Count what the counter says; whether the frame is to be used all the same."""
         name = {
-            Status.OK_SOME_LOST: "lost",
-            Status.REPEATED: "repeated",
-            Status.WRONG_SEQUENCE: "sequence",
+            CheckStatus.OK_SOME_LOST: "lost",
+            CheckStatus.REPEATED: "repeated",
+            CheckStatus.WRONG_SEQUENCE: "sequence",
         }.get(status)
         if name is not None:
-            count = heard.counter.lost if status is Status.OK_SOME_LOST else 1  # type: ignore
+            count = heard.counter.lost if status is CheckStatus.OK_SOME_LOST else 1  # type: ignore
             heard.counts[name] += count
             self.counts[name] += count
-        if status is Status.WRONG_SEQUENCE:
+        if status is CheckStatus.WRONG_SEQUENCE:
             self._gap = self._gap or heard.part >= 0
             text = f"the counter of {heard.message.name} jumped"
-            self.events.append(Event(time, "sequence", text))
+            self.events.append(ReceptionEvent(time, "sequence", text))
         # What the board says of its count is right whatever was before.
         return status in USABLE or (
-            heard.message.role == "status" and status is not Status.REPEATED
+            heard.message.role == "status" and status is not CheckStatus.REPEATED
         )
 
     def _held(
@@ -341,7 +343,9 @@ class Reception:
                 heard.runs[index] = _IN_A_ROW
             if heard.runs[index] == _IN_A_ROW:
                 text = f"{heard.message.name}.{signal.name} not available or out of range"
-                self.events.append(Event(time, "range", f"{text}, {_IN_A_ROW} times in a row"))
+                self.events.append(
+                    ReceptionEvent(time, "range", f"{text}, {_IN_A_ROW} times in a row")
+                )
         return tuple(kept)
 
     def _put(self, heard: ReceivedMessage, counter: int, time: int) -> None:
@@ -422,7 +426,7 @@ class Reception:
         """Begin anew because the board's count is another one than it was."""
         text = f"the board counts {number} samples, {(self._number or 0) + 1} were expected"
         self.counts["sequence"] += 1
-        self.events.append(Event(time, "sequence", text))
+        self.events.append(ReceptionEvent(time, "sequence", text))
         self._slots.clear()
         self.ready.clear()
         self._anew = self._gap = True
@@ -448,6 +452,8 @@ class Reception:
         babbling = self._foreign / span > _BABBLE
         if babbling and not self._babbling:
             text = f"{self._foreign / span:.0f} unknown frames a second"
-            self.events.append(Event(time, "babbling", f"{text}, bus load {self.load:.0%}"))
+            self.events.append(
+                ReceptionEvent(time, "babbling", f"{text}, bus load {self.load:.0%}")
+            )
         self._babbling = babbling
         self._busy, self._foreign, self._window = 0.0, 0, time

@@ -99,7 +99,7 @@ _CONTROLLER = 0x04
 _STATES = {b"a": 0x40, b"w": 0x04 | 0x08, b"p": 0x10 | 0x20}
 
 
-class Status(enum.IntFlag):
+class LineStatus(enum.IntFlag):
     """What a device answers to `F`, by the LAWICEL manual."""
 
     RX_FULL = 0x01
@@ -354,7 +354,7 @@ class SlcanBulkBus(Transport):
         self._settings = {"baudrate": tty_baudrate, "rtscts": rtscts}
         self._sleep = sleep_after_open
         self.refused = 0
-        self.status = Status(0)
+        self.status = LineStatus(0)
         self.version: str | None = None
         self.opened = False
         self.unheard = 0
@@ -618,7 +618,7 @@ class SlcanBulkBus(Transport):
         elif line in (b"z", b"Z"):
             pass  # a frame has gone out
         elif letter in self._awaited and _STATUS.fullmatch(line):
-            self.status = Status(int(text, 16))
+            self.status = LineStatus(int(text, 16))
             self._awaited.discard(letter)
         elif letter in self._awaited and letter == b"V" and text.isalnum():
             self.version = text.decode("ascii")

@@ -10,14 +10,14 @@ from xml.etree import ElementTree
 
 from harness.common.files import write_text
 
-__all__ = ["Case", "Suite", "write_junit"]
+__all__ = ["JunitCase", "JunitSuite", "write_junit"]
 
 _FORBIDDEN = re.compile("[^\t\n\r\x20-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 """Characters that XML cannot hold."""
 
 
 @dataclass(frozen=True)
-class Case:
+class JunitCase:
     """One thing that was checked.
 
     Attributes:
@@ -38,14 +38,14 @@ class Case:
 
 
 @dataclass(frozen=True)
-class Suite:
+class JunitSuite:
     """Cases that belong to one thing."""
 
     name: str
-    cases: tuple[Case, ...]
+    cases: tuple[JunitCase, ...]
 
 
-def write_junit(path: Path, name: str, suites: Iterable[Suite]) -> Path:
+def write_junit(path: Path, name: str, suites: Iterable[JunitSuite]) -> Path:
     """Write suites of cases.
 
     Args:
@@ -75,7 +75,7 @@ def write_junit(path: Path, name: str, suites: Iterable[Suite]) -> Path:
     return write_text(path, f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n')
 
 
-def _write_case(suite: ElementTree.Element, case: Case) -> None:
+def _write_case(suite: ElementTree.Element, case: JunitCase) -> None:
     element = ElementTree.SubElement(
         suite,
         "testcase",

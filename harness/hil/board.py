@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from fmu_src.errors import SteadytipError
 from harness.can.device_node import DeviceNode
-from harness.can.fault_injection import Fault
+from harness.can.fault_injection import InjectedFault
 from harness.common.errors import StoppedError
 from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter
@@ -166,7 +166,7 @@ def board_scenario(
     return dataclasses.replace(scenario, parts=parts, seconds=_FOREVER)
 
 
-class _Pace:
+class _BoardClock:
     """Ticks by the board's clock; see `harness.loop.loop.RealTimeClock`."""
 
     def __init__(self, board: BoardPart, priority: int, ready: Callable[[], None]) -> None:
@@ -203,7 +203,7 @@ class _Pace:
         self._realtime.__exit__(None, None, None)
 
 
-class _Rig:
+class _BoardSession:
     """See `harness.running.HilSession`."""
 
     def __init__(self, pace: RealTimeClock, ring: RingWriter | None) -> None:
@@ -228,7 +228,7 @@ def play(
     channel: str | None,
     motion: Path | None = None,
     recording: Path | None = None,
-    faults: Sequence[Fault] = (),
+    faults: Sequence[InjectedFault] = (),
     seed: int = 0,
     drift: float = 0.0,
     priority: int = 0,
@@ -260,9 +260,9 @@ def play(
     board = system.parts[BUS]
     assert isinstance(board, BoardPart)
     board.faults, board.seed, board.drift = faults, seed, drift
-    pace = _Pace(board, priority, ready)
+    pace = _BoardClock(board, priority, ready)
     writer = Ring.create(ring, system.columns, scenario.step_size) if ring is not None else None
-    rig = _Rig(pace, writer)
+    rig = _BoardSession(pace, writer)
     try:
         return perform(system, folder, rig=rig, report=False, status=status)
     except StoppedError as ended:

@@ -255,16 +255,16 @@ def _open(live: Live, end: float, wait: float) -> None:
 
 
 def _watch(live: Live, stop: threading.Event, end: float, options: argparse.Namespace) -> None:
-    from harness.hil.monitor_view import SILENT, State
+    from harness.hil.monitor_view import SILENT, MonitorState
     from harness.hil.page import PERIOD
 
     alive = time.monotonic()  # the loop, or the parent, which may yet start one
     while not stop.wait(PERIOD):
         _open(live, end, options.wait)
         (_, state, _), *_ = live.look()
-        if state is State.RUNNING or os.getppid() == options.parent:
+        if state is MonitorState.RUNNING or os.getppid() == options.parent:
             alive = time.monotonic()
-        elif state is State.STOPPED or time.monotonic() - alive > 2.0 * SILENT:
+        elif state is MonitorState.STOPPED or time.monotonic() - alive > 2.0 * SILENT:
             return
 
 

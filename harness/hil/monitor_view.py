@@ -36,9 +36,9 @@ __all__ = [
     "Count",
     "Feed",
     "Live",
+    "MonitorState",
     "Pulse",
     "Rows",
-    "State",
     "Tip",
     "View",
     "fresh",
@@ -61,7 +61,7 @@ _BIN = 25e-6  # s
 _LATENCIES = 1e-3  # s, shown at least
 
 
-class State(enum.Enum):
+class MonitorState(enum.Enum):
     """Of the process that writes a ring."""
 
     WAITING = "waiting"
@@ -79,7 +79,7 @@ class Pulse:
         self._since = 0.0
         self._risen = False
 
-    def look(self, ring: Ring | None, now: float) -> tuple[State, float]:
+    def look(self, ring: Ring | None, now: float) -> tuple[MonitorState, float]:
         """Look once; more often than every `SILENT`.
 
         Args:
@@ -90,17 +90,17 @@ class Pulse:
             The state, and how long nothing has been written [s].
         """
         if ring is None:
-            return State.WAITING, 0.0
+            return MonitorState.WAITING, 0.0
         written, closed = ring.written, ring.closed
         if written != self._written:
             self._risen = self._written is not None
             self._written, self._since = written, now
         quiet = now - self._since
         if closed:
-            return State.STOPPED, quiet
+            return MonitorState.STOPPED, quiet
         if written and quiet > SILENT:
-            return State.SILENT, quiet
-        return (State.RUNNING if self._risen and written else State.WAITING), quiet
+            return MonitorState.SILENT, quiet
+        return (MonitorState.RUNNING if self._risen and written else MonitorState.WAITING), quiet
 
 
 @dataclass(frozen=True)
@@ -432,7 +432,7 @@ class Live:
                     missing = missing or source.path
         return missing
 
-    def look(self) -> list[tuple[Path, State, float]]:
+    def look(self) -> list[tuple[Path, MonitorState, float]]:
         """State of each ring's writer, the loop's first, and for how long it has been quiet [s]."""
         now = time.monotonic()
         with self._lock:

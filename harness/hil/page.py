@@ -22,7 +22,7 @@ from plotly.subplots import make_subplots
 
 from harness.common.quantities import format_quantity
 from harness.common.types import FloatArray
-from harness.hil.monitor_view import MODES, WINDOW, Live, State, View, histogram
+from harness.hil.monitor_view import MODES, WINDOW, Live, MonitorState, View, histogram
 from harness.report.figures import colour, three_rows
 from harness.report.page import page_text
 from harness.report.plots import GREY, SERIES, layout, line, thinned
@@ -137,7 +137,7 @@ def _page() -> html.Div:
             dcc.Store(id="shown"),
             dcc.Store(id="drawn"),
             html.Div(id="gone", className="error"),
-            html.Div(State.WAITING.value, id="banner", className="banner waiting"),
+            html.Div(MonitorState.WAITING.value, id="banner", className="banner waiting"),
             html.Div(id="note", className="note"),
             html.Div(id="tiles", className="verdict"),
             html.Div(boxes, className="grid"),
@@ -379,21 +379,21 @@ def _banner(live: Live, view: View) -> tuple[str, str, str]:
     (path, state, quiet), *others = live.look()
     at = f"{view.seconds:.1f} s"
     text = {
-        State.WAITING: f"Waiting for the loop ({path.name})",
-        State.RUNNING: f"Running, {at}",
-        State.SILENT: f"No data for {quiet:.0f} s: the loop hangs, or has ended without a word. "
-        f"What is below is from {at}.",
-        State.STOPPED: f"Stopped at {at}",
+        MonitorState.WAITING: f"Waiting for the loop ({path.name})",
+        MonitorState.RUNNING: f"Running, {at}",
+        MonitorState.SILENT: f"No data for {quiet:.0f} s: the loop hangs, or has ended without a "
+        f"word. What is below is from {at}.",
+        MonitorState.STOPPED: f"Stopped at {at}",
     }[state]
-    notes = [_note(*other) for other in others if other[1] is not State.RUNNING]
+    notes = [_note(*other) for other in others if other[1] is not MonitorState.RUNNING]
     return text, f"banner {state.value}", "; ".join(notes)
 
 
-def _note(path: Path, state: State, quiet: float) -> str:
+def _note(path: Path, state: MonitorState, quiet: float) -> str:
     words = {
-        State.WAITING: "is waited for",
-        State.SILENT: f"has had no data for {quiet:.0f} s",
-        State.STOPPED: "has been closed by its writer",
+        MonitorState.WAITING: "is waited for",
+        MonitorState.SILENT: f"has had no data for {quiet:.0f} s",
+        MonitorState.STOPPED: "has been closed by its writer",
     }
     return f"{path.name} {words[state]}"
 

@@ -14,7 +14,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from fmu_src.errors import SteadytipError
-from harness.can.channel import Address, State
+from harness.can.channel import Address, ChannelState
 from harness.can.controller_node import TURN, ControllerNode, Outgoing, Turn
 from harness.can.database import Database
 from harness.can.frame_log import Entry, read_log
@@ -88,14 +88,14 @@ class _LoggedNode(ControllerNode):
                 self.commands += unsent
                 self.differing += unsent
                 _, _, state, overran = TURN.unpack(entry.tick)
-                return self.turn(index, entry.time, State(state), bool(overran))
+                return self.turn(index, entry.time, ChannelState(state), bool(overran))
             if not entry.was_sent:
                 self.hear(entry.message)
                 continue
             # Sent then and not now: a heartbeat while the board was waited for, or worse.
             unsent += self._command is not None and self._has(entry, self._command)
             self.reception.sent(sum(b.seconds for b in self._beats if self._has(entry, b)))
-        return Turn(index, 0, 0, State.OPEN, False)
+        return Turn(index, 0, 0, ChannelState.OPEN, False)
 
     def _has(self, entry: Entry, outgoing: Outgoing) -> bool:
         return entry.was_sent and entry.message.arbitration_id == outgoing.message.id
@@ -106,7 +106,7 @@ class _LoggedNode(ControllerNode):
         is_command = outgoing is self._command
         self.commands += is_command
         if entry is None or not self._has(entry, outgoing):
-            self.differing += is_command and self._state is State.OPEN
+            self.differing += is_command and self._state is ChannelState.OPEN
             return None
         self._pop()
         self.differing += is_command and bytes(entry.message.data) != data
@@ -118,7 +118,7 @@ class _LoggedNode(ControllerNode):
         self._entries.close()
 
 
-class _Pace:
+class _LogClock:
     def __init__(self, feed: FeedPart) -> None:
         self.name = feed.name
         self.watchdog = math.inf
@@ -139,7 +139,7 @@ class _Pace:
         pass
 
 
-class _Rig:
+class _ReplaySession:
     """See `harness.running.HilSession`."""
 
     def __init__(self, pace: RealTimeClock, feed: FeedPart) -> None:
@@ -202,7 +202,7 @@ def replay(
     result = perform(
         system,
         out or log.parent / "replay",
-        rig=_Rig(_Pace(feed), feed),
+        rig=_ReplaySession(_LogClock(feed), feed),
         report=report,
         status=status,
         progress=progress,

@@ -247,7 +247,7 @@ class _Firmware:
         return ""
 
 
-class _Rig:
+class _LoopSession:
     """The loop's clock, log and board; see `harness.running.HilSession`."""
 
     def __init__(
@@ -470,12 +470,12 @@ def _arguments(
 
 def _rig(
     system: System, folder: Path, board: _Board | _Firmware | None, ring: RingWriter | None
-) -> _Rig:
+) -> _LoopSession:
     settings = system.scenario.hil
     feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
     if not feeds:
         clock = _Clock(system.scenario.step_size, settings)
-        return _Rig(clock, None, None, board, folder, system, ring)
+        return _LoopSession(clock, None, None, board, folder, system, ring)
     (feed,) = feeds
     feed.policy = settings
     log = None
@@ -484,4 +484,4 @@ def _rig(
         for suffix in SUFFIXES.values():
             (folder / f"{FRAMES}{suffix}").unlink(missing_ok=True)
         log = FrameLog(folder / f"{FRAMES}{SUFFIXES[settings.log]}")
-    return _Rig(_BusPace(feed, log, settings), feed, log, board, folder, system, ring)
+    return _LoopSession(_BusPace(feed, log, settings), feed, log, board, folder, system, ring)

@@ -25,7 +25,7 @@ from harness.hil.realtime import realtime
 from harness.hil.session import hil
 from harness.scenario.schema import Hil
 
-__all__ = ["LINKS", "Link", "codec_figures", "loop_figures", "pacing_figures"]
+__all__ = ["LINKS", "BusLink", "codec_figures", "loop_figures", "pacing_figures"]
 
 SCENARIO = "closed_loop_can"
 DBCS = ("instrument", "instrument_fd")
@@ -45,7 +45,7 @@ _PACED = 1e-3  # s
 
 
 @dataclass(frozen=True)
-class Link:
+class BusLink:
     """What stands between loop and board.
 
     Attributes:
@@ -60,12 +60,12 @@ class Link:
         return f"{self.interface}, {self.board} board"
 
 
-LINKS = (Link("unixbus", "python"), Link("slcanbulk", "python"), Link("slcanbulk", "c"))
+LINKS = (BusLink("unixbus", "python"), BusLink("slcanbulk", "python"), BusLink("slcanbulk", "c"))
 """All that an emulated board speaks."""
 
 
 def loop_figures(
-    link: Link, priority: int, seconds: float, status: Callable[[str], None] = lambda _: None
+    link: BusLink, priority: int, seconds: float, status: Callable[[str], None] = lambda _: None
 ) -> list[Figure]:
     """Latency and wake-up of the closed loop on the wall clock.
 

@@ -30,7 +30,7 @@ _TOML_TYPES: dict[str, tuple[type, ...]] = {
 }
 
 
-class _Keys(BaseModel):
+class _FmuKeys(BaseModel):
     """Settings of an FMU part; every other key is a start value of the FMU.
 
     Attributes:
@@ -82,16 +82,16 @@ class FmuPart:
         """
         self._take(self._checked(settings), seed)
 
-    def _checked(self, settings: Settings) -> _Keys:
+    def _checked(self, settings: Settings) -> _FmuKeys:
         try:
-            return _Keys.model_validate(dict(settings))
+            return _FmuKeys.model_validate(dict(settings))
         except ValidationError as error:
             raise ProblemsError(
                 f"part '{self.name}'",
                 [f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}" for e in error.errors()],
             ) from None
 
-    def _take(self, keys: _Keys, seed: int) -> None:
+    def _take(self, keys: _FmuKeys, seed: int) -> None:
         problems: list[str] = []
         values = self._start_values(keys, problems)
         if problems:
@@ -253,7 +253,7 @@ class FmuPart:
             "isolated": self._isolate,
         }
 
-    def _start_values(self, keys: _Keys, problems: list[str]) -> dict[str, _Value]:
+    def _start_values(self, keys: _FmuKeys, problems: list[str]) -> dict[str, _Value]:
         variables = self.description.variables
         given: dict[str, Any] = {}
         if keys.parameters is not None:
@@ -289,7 +289,7 @@ class FmuPart:
                 f"'{name}' is an array: give all {array} values in a list"
                 if array
                 else f"the FMU has no variable '{name}'; "
-                f"{nearest(name, settable | set(_Keys.model_fields))}"
+                f"{nearest(name, settable | set(_FmuKeys.model_fields))}"
             )
             return
         if any(isinstance(row, list) for row in value):

@@ -27,7 +27,7 @@ from harness.recordings.run_record import read_record, read_schema, values_of
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
 
 
-class _Keys(BaseModel):
+class _RecordedKeys(BaseModel):
     model_config = ConfigDict(extra="forbid", strict=True)
 
     recorded: str
@@ -46,13 +46,13 @@ class RecordedPart(RowsPart):
         """
         self.name = name
         try:
-            keys = _Keys.model_validate(dict(settings))
+            keys = _RecordedKeys.model_validate(dict(settings))
         except ValidationError as error:
             raise ProblemsError(
                 f"part '{name}'",
                 [
                     f"'{e['loc'][0]}': {e['msg'].lower()}; "
-                    f"{nearest(str(e['loc'][0]), _Keys.model_fields)}"
+                    f"{nearest(str(e['loc'][0]), _RecordedKeys.model_fields)}"
                     for e in error.errors()
                 ],
             ) from None

@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 from harness.can.reception import FAULTS
 from harness.common.errors import nearest
-from harness.common.junit import Case, Suite
+from harness.common.junit import JunitCase, JunitSuite
 from harness.common.quantities import format_quantity
 from harness.scenario.schema import Limit
 
@@ -103,7 +103,7 @@ def _words(value: float, unit: str) -> str:
     return " ".join(format_quantity(value, unit)).strip()
 
 
-def suite_of(name: str, judged: list[Judged], seconds: float) -> Suite:
+def suite_of(name: str, judged: list[Judged], seconds: float) -> JunitSuite:
     """For JUnit XML.
 
     Args:
@@ -111,10 +111,10 @@ def suite_of(name: str, judged: list[Judged], seconds: float) -> Suite:
         judged: what was checked.
         seconds: how long the run took [s].
     """
-    return Suite(
+    return JunitSuite(
         name,
         tuple(
-            Case(
+            JunitCase(
                 group=f"{name}.{each.group}",
                 name=each.name,
                 seconds=seconds if index == 0 else 0.0,

@@ -53,7 +53,7 @@ from harness.scenario.events import Fault
 if TYPE_CHECKING:
     pass
 
-__all__ = ["METHODS", "FaultRange", "Sweep", "Variable", "variables_of"]
+__all__ = ["METHODS", "FaultRange", "Sweep", "SweepVariable", "variables_of"]
 
 METHODS = ("grid", "latin-hypercube", "monte-carlo")
 _Finite = Annotated[float, Field(allow_inf_nan=False)]
@@ -62,7 +62,7 @@ _EDGE = 1e-12
 """Distance of a probability from 0 and 1: no distribution gives infinity."""
 
 
-class Variable(BaseModel):
+class SweepVariable(BaseModel):
     """What is said of one variable; see the module's table.
 
     Attributes:
@@ -275,7 +275,7 @@ class Sweep(StrictModel):
         return self.method or ("grid" if self.runs is None else "monte-carlo")
 
     @cached_property
-    def variables(self) -> dict[str, Variable]:
+    def variables(self) -> dict[str, SweepVariable]:
         """By key.
 
         Raises:
@@ -322,7 +322,7 @@ def variables_of(table: Mapping[str, Any], prefix: str = "") -> dict[str, Any]:
     >>> variables_of({"part": {"hand": {"rms": [1, 2]}}, "part.a.b": {"min": 0, "max": 1}})
     {'part.hand.rms': [1, 2], 'part.a.b': {'min': 0, 'max': 1}}
     """
-    known = {field.alias or name for name, field in Variable.model_fields.items()}
+    known = {field.alias or name for name, field in SweepVariable.model_fields.items()}
     found: dict[str, Any] = {}
     for key, value in table.items():
         if isinstance(value, Mapping) and value and not known & value.keys() and _deep(value):
@@ -336,10 +336,10 @@ def _deep(value: Mapping[str, Any]) -> bool:
     return all(isinstance(each, Mapping | list) for each in value.values())
 
 
-def _variable(said: Any) -> Variable:
+def _variable(said: Any) -> SweepVariable:
     if isinstance(said, Mapping):
-        return Variable.model_validate(dict(said))
-    return Variable(values=said if isinstance(said, list) else [said])
+        return SweepVariable.model_validate(dict(said))
+    return SweepVariable(values=said if isinstance(said, list) else [said])
 
 
 def _told(entry: Any) -> str:

@@ -25,7 +25,7 @@ from harness.parts.ssv import SsvValue
 from harness.ssp.bindings import Transformation, find_bindings, transformation
 from harness.ssp.place import Place, named
 
-__all__ = ["FMU_TYPE", "SSD", "Component", "Endpoint", "Flat", "Link", "flatten"]
+__all__ = ["FMU_TYPE", "SSD", "Component", "Endpoint", "Flat", "FlatConnection", "flatten"]
 
 SSD = "SystemStructure.ssd"
 """Entry point of an SSP archive."""
@@ -62,7 +62,7 @@ class Component:
 
 
 @dataclass(frozen=True)
-class Link:
+class FlatConnection:
     """Connection of a component's output to a component's input.
 
     Attributes:
@@ -96,7 +96,7 @@ class Flat:
     start: float | None
     stop: float | None
     components: list[Component]
-    links: list[Link]
+    links: list[FlatConnection]
 
 
 def flatten(path: Path, workspace: Path) -> Flat:
@@ -138,7 +138,7 @@ class _Reader:
         self._left = archives.MOST_BYTES
         self._elements = 0
         self._kinds: dict[Endpoint, str] = {}
-        self._drivers: dict[Endpoint, Link] = {}
+        self._drivers: dict[Endpoint, FlatConnection] = {}
         self._presets: dict[Endpoint, SsvValue] = {}
 
     def unpack(self, path: Path) -> Path:
@@ -174,7 +174,7 @@ class _Reader:
             self._connection(connection, path)
         self._values(system, place, path)
 
-    def links(self) -> Iterator[Link]:
+    def links(self) -> Iterator[FlatConnection]:
         """Yield connections between components; those through systems' connectors become one."""
         for target in list(self._drivers):
             if target[0] not in self.components:
@@ -190,7 +190,7 @@ class _Reader:
                 if before is None:
                     self._preset(link)  # from an input of the whole system: nothing drives it
                     break
-                link = Link(
+                link = FlatConnection(
                     before.source,
                     target,
                     link.transformation or before.transformation,
@@ -202,7 +202,7 @@ class _Reader:
                 else:
                     yield link
 
-    def _preset(self, link: Link) -> None:
+    def _preset(self, link: FlatConnection) -> None:
         """Give a component the value of the system's connector that it hangs on."""
         value = self._presets.get(link.source)
         if value is None:
@@ -298,7 +298,7 @@ class _Reader:
         if target in self._drivers:
             self.problems.append(f"{label}: '{_shown(target)}' is driven twice; keep one")
             return
-        self._drivers[target] = Link(
+        self._drivers[target] = FlatConnection(
             source,
             target,
             transformation(item),

@@ -25,7 +25,7 @@ from harness.parts import ssp_markup as markup
 from harness.parts.description import Description, describe
 from harness.parts.ports import Port, Unit
 from harness.parts.ssv import SsvValue, write_ssv
-from harness.ssp.flatten import Component, Endpoint, Flat, Link, flatten
+from harness.ssp.flatten import Component, Endpoint, Flat, FlatConnection, flatten
 from harness.ssp.names import file_names, portable
 from harness.ssp.order import Connection, delays, feedthrough, run_order
 from harness.ssp.place import named
@@ -131,7 +131,7 @@ def _same(unit: Unit, other: Unit) -> bool:
 
 
 def _link_problems(
-    link: Link, descriptions: Mapping[tuple[str, ...], Description]
+    link: FlatConnection, descriptions: Mapping[tuple[str, ...], Description]
 ) -> Iterator[str]:
     what = f"connection {_shown(link.source)} -> {_shown(link.target)}"
     if link.transformation is not None:

@@ -23,7 +23,7 @@ from typing import TYPE_CHECKING, Any
 import fmu_src
 from fmu_src.errors import SteadytipError
 from harness.sweep.executors import TooLong
-from harness.sweep.worker import Base, Row, Worker
+from harness.sweep.worker import Base, CaseRow, Worker
 
 try:
     from distributed import Client, Future, WorkerPlugin
@@ -33,7 +33,7 @@ except ImportError:
     ) from None
 
 if TYPE_CHECKING:
-    from harness.sweep.plan import Case
+    from harness.sweep.plan import SweepCase
 
 __all__ = ["ClusterExecutor", "Luggage"]
 
@@ -133,7 +133,7 @@ class ClusterExecutor:
         busy = {slot for slot, _, _ in self._at.values()}
         return [slot for slot in self._slots if slot not in busy]
 
-    def give(self, worker: str, case: Case) -> None:
+    def give(self, worker: str, case: SweepCase) -> None:
         """See `Crew`."""
         future = self._client.submit(
             _perform,
@@ -147,7 +147,7 @@ class ClusterExecutor:
         self._at[case.number] = (worker, future, time.monotonic())
         future.add_done_callback(partial(_told, self._rows, case.number))
 
-    def take(self, seconds: float) -> Sequence[Row]:
+    def take(self, seconds: float) -> Sequence[CaseRow]:
         """See `Crew`."""
         rows = []
         wait = seconds
@@ -180,16 +180,16 @@ def _told(rows: SimpleQueue[tuple[int, Future]], number: int, future: Future) ->
     rows.put((number, future))
 
 
-def _row(number: int, future: Future) -> Row:
+def _row(number: int, future: Future) -> CaseRow:
     if future.status == "finished":
-        row: Row = future.result()
+        row: CaseRow = future.result()
         return row
     if future.status == "error":
         error = future.exception()
         killed = type(error).__name__ == "KilledWorker"
         text = str(error).splitlines()[0] if str(error) else ""
-        return Row(number, "lost" if killed else "failed", f"{type(error).__name__}: {text}")
-    return Row(number, "lost", f"the cluster has lost it ({future.status})")
+        return CaseRow(number, "lost" if killed else "failed", f"{type(error).__name__}: {text}")
+    return CaseRow(number, "lost", f"the cluster has lost it ({future.status})")
 
 
 # ---- On a worker -------------------------------------------------------------------------------
@@ -202,11 +202,11 @@ def _version() -> str:
     return fmu_src.__version__
 
 
-def _perform(name: str, case: Case) -> Row:
+def _perform(name: str, case: SweepCase) -> CaseRow:
     """Run a case; each thread of a worker has parts of its own."""
     if getattr(_here, "name", None) != name:
         if getattr(_here, "stand", None) is not None:
             _here.stand.close()
         _here.stand, _here.name = Worker(_bases[name][0]), name
-    row: Row = _here.stand.perform(case)
+    row: CaseRow = _here.stand.perform(case)
     return replace(row, worn=False)

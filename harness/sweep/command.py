@@ -9,12 +9,12 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from harness.scenario.schema import Scenario
-    from harness.sweep.plan import Case
+    from harness.sweep.plan import SweepCase
 
 __all__ = ["command_of", "overrides_of"]
 
 
-def overrides_of(scenario: Scenario, case: Case) -> dict[str, Any]:
+def overrides_of(scenario: Scenario, case: SweepCase) -> dict[str, Any]:
     """Return what makes the case of the scenario, as `running.run` takes it, without its recording.
 
     Args:
@@ -38,7 +38,7 @@ def _plain(table: Any) -> dict[str, Any]:
     return dict(table.model_dump(exclude_none=True, exclude_defaults=True))
 
 
-def command_of(scenario: Scenario, case: Case) -> str:
+def command_of(scenario: Scenario, case: SweepCase) -> str:
     """Return the command for a shell."""
     words = ["steadytip", "run", scenario.given]
     if scenario.variant is not None:

@@ -21,7 +21,7 @@ from harness.scenario.schema import Scenario
 from harness.sweep.command import command_of
 from harness.sweep.executors import Executor, InlineExecutor, ProcessExecutor
 from harness.sweep.outcome import SweepResult, numeric, write_parquet
-from harness.sweep.plan import Case, Plan, Queue, groups_of, value_on
+from harness.sweep.plan import Queue, SweepCase, SweepPlan, groups_of, value_on
 from harness.sweep.store import Store
 from harness.sweep.worker import FIXED, LENGTHS, Base, with_places
 from harness.system.assembly import System, assemble, reference
@@ -48,7 +48,7 @@ class Prepared:
     """
 
     scenario: Scenario
-    plan: Plan
+    plan: SweepPlan
     base: Base
     identity: Mapping[str, Any]
     metadata: Mapping[str, Any]
@@ -163,7 +163,7 @@ def prepare(
         raise SteadytipError(
             f"{checked.name} says nothing of a sweep: give --vary KEY=VALUES, or add [sweep] to it"
         )
-    plan = Plan(checked, table, recordings([Path(m) for m in table.motions]))
+    plan = SweepPlan(checked, table, recordings([Path(m) for m in table.motions]))
     common = with_places(checked, plan.faults)
     first = Path(plan.motions[0]) if plan.motions else None
     system = assemble(common, first, status)
@@ -221,7 +221,7 @@ def _run(
         crew = InlineExecutor(prepared.base)
     else:
         crew = ProcessExecutor(prepared.base, min(workers or os.cpu_count() or 1, len(todo)), limit)
-    at_work: dict[int, Case] = {}
+    at_work: dict[int, SweepCase] = {}
     done, failed = len(kept), 0
     try:
         while queue.left or at_work:
@@ -247,7 +247,7 @@ def _run(
         crew.close()
 
 
-def _case_line(prepared: Prepared, case: Case) -> dict[str, Any]:
+def _case_line(prepared: Prepared, case: SweepCase) -> dict[str, Any]:
     """Return what identifies a run, as the journal keeps it."""
     numbers = {key: about["numeric"] for key, about in prepared.metadata["variables"].items()}
     drawn = {axis: value_on(axis, case) for axis in prepared.plan.axes}
@@ -268,7 +268,7 @@ def _text(value: Any) -> str:
 # ---- What is checked before the first run, and what numbers follow from --------------------------
 
 
-def _wrong_keys(plan: Plan, system: System) -> Iterator[str]:
+def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
     """Variables that there are not, or that cannot act later."""
     scenario = plan.scenario
     for key, variable in plan.variables.items():
@@ -297,7 +297,7 @@ def _wrong_keys(plan: Plan, system: System) -> Iterator[str]:
                     yield f"{where} acts from {variable.since:g} s on: {trouble}"
 
 
-def _files(system: System, plan: Plan, status: Callable[[str], None]) -> dict[str, Path]:
+def _files(system: System, plan: SweepPlan, status: Callable[[str], None]) -> dict[str, Path]:
     """All files that runs need, by how the scenario names them."""
     found: dict[str, Path] = {}
     for name, table in system.scenario.parts.items():
@@ -326,7 +326,7 @@ def _files(system: System, plan: Plan, status: Callable[[str], None]) -> dict[st
     return found
 
 
-def _identity(plan: Plan, system: System, files: Mapping[str, Path]) -> dict[str, Any]:
+def _identity(plan: SweepPlan, system: System, files: Mapping[str, Path]) -> dict[str, Any]:
     table = {k: v for k, v in plan.scenario.table.items() if k not in {"sweep", "variant", "title"}}
     said = plan.sweep.model_dump(mode="json", exclude={"timeout", "judge"})
     if plan.sweep.design == "monte-carlo":
@@ -343,7 +343,7 @@ def _digest(path: Path) -> str:
     return hashlib.sha256(path.read_bytes()).hexdigest()
 
 
-def _metadata(plan: Plan, system: System) -> dict[str, Any]:
+def _metadata(plan: SweepPlan, system: System) -> dict[str, Any]:
     scenario = plan.scenario
     about: dict[str, Any] = {}
     for axis in plan.axes:

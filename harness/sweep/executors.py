@@ -17,13 +17,13 @@ from typing import TYPE_CHECKING, Protocol
 
 from fmu_src.errors import SteadytipError
 from harness.parts.isolated import end_with_parent, ending
-from harness.sweep.worker import Base, Row, Worker
+from harness.sweep.worker import Base, CaseRow, Worker
 
 if TYPE_CHECKING:
     from multiprocessing.context import BaseContext
     from multiprocessing.process import BaseProcess
 
-    from harness.sweep.plan import Case
+    from harness.sweep.plan import SweepCase
 
 __all__ = ["Executor", "InlineExecutor", "ProcessExecutor", "TooLong"]
 
@@ -37,10 +37,10 @@ class Executor(Protocol):
     def free(self) -> Sequence[str]:
         """Names of those that can take a case now."""
 
-    def give(self, worker: str, case: Case) -> None:
+    def give(self, worker: str, case: SweepCase) -> None:
         """Have one of them run a case."""
 
-    def take(self, seconds: float) -> Sequence[Row]:
+    def take(self, seconds: float) -> Sequence[CaseRow]:
         """Return what has been finished, or lost; wait that long at most for the first [s]."""
 
     def close(self) -> None:
@@ -58,9 +58,9 @@ class TooLong:
         """Whether a case that began then has had its time."""
         return self.seconds is not None and time.monotonic() - since > self.seconds
 
-    def row(self, number: int) -> Row:
+    def row(self, number: int) -> CaseRow:
         """Return the row of a run that was lost."""
-        return Row(number, "lost", f"took longer than the 'timeout' of {self.seconds:g} s")
+        return CaseRow(number, "lost", f"took longer than the 'timeout' of {self.seconds:g} s")
 
 
 @dataclass
@@ -70,7 +70,7 @@ class _Worker:
     pool: ProcessPoolExecutor | None = None
     process: BaseProcess | None = None
     ready: Future[None] | None = None
-    future: Future[Row] | None = None
+    future: Future[CaseRow] | None = None
     number: int = -1
     since: float = 0.0
 
@@ -97,7 +97,7 @@ class ProcessExecutor:
         """See `Executor`."""
         return [name for name, worker in self._workers.items() if worker.future is None]
 
-    def give(self, worker: str, case: Case) -> None:
+    def give(self, worker: str, case: SweepCase) -> None:
         """See `Executor`."""
         at = self._workers[worker]
         if at.pool is None:
@@ -116,7 +116,7 @@ class ProcessExecutor:
                 return
         at.number, at.since = case.number, time.monotonic()
 
-    def take(self, seconds: float) -> Sequence[Row]:
+    def take(self, seconds: float) -> Sequence[CaseRow]:
         """See `Executor`."""
         futures = [w.future for w in self._workers.values() if w.future is not None]
         if futures:
@@ -134,7 +134,7 @@ class ProcessExecutor:
                 self._dismiss(worker)
         return rows
 
-    def _result(self, worker: _Worker) -> Row:
+    def _result(self, worker: _Worker) -> CaseRow:
         assert worker.future is not None
         assert worker.ready is not None
         try:
@@ -154,9 +154,9 @@ class ProcessExecutor:
                 worker.pool.shutdown(wait=True)
                 if worker.process.exitcode is not None:
                     how = ending(worker.process.exitcode)
-            row = Row(worker.number, "lost", f"its worker's process {how}", worn=True)
+            row = CaseRow(worker.number, "lost", f"its worker's process {how}", worn=True)
         except Exception as error:  # a mistake in here: it is this run's, not the sweep's
-            row = Row(worker.number, "failed", f"{type(error).__name__}: {error}", worn=True)
+            row = CaseRow(worker.number, "failed", f"{type(error).__name__}: {error}", worn=True)
         worker.future = None
         if row.worn:
             self._dismiss(worker)
@@ -199,17 +199,17 @@ class InlineExecutor:
             base: what all cases have in common.
         """
         self._stand = Worker(base)
-        self._rows: list[Row] = []
+        self._rows: list[CaseRow] = []
 
     def free(self) -> Sequence[str]:
         """See `Executor`."""
         return [] if self._rows else ["this process"]
 
-    def give(self, worker: str, case: Case) -> None:
+    def give(self, worker: str, case: SweepCase) -> None:
         """See `Executor`; runs it at once."""
         self._rows.append(self._stand.perform(case))
 
-    def take(self, seconds: float) -> Sequence[Row]:
+    def take(self, seconds: float) -> Sequence[CaseRow]:
         """See `Executor`."""
         rows, self._rows = self._rows, []
         return rows
@@ -237,6 +237,6 @@ def _ready() -> None:
     """Done once the process is there."""
 
 
-def _perform(case: Case) -> Row:
+def _perform(case: SweepCase) -> CaseRow:
     assert _stand is not None
     return _stand.perform(case)

@@ -24,14 +24,14 @@ if TYPE_CHECKING:
     from harness.scenario.schema import Scenario
     from harness.scenario.sweep import Sweep
 
-__all__ = ["Case", "Group", "Plan", "Queue", "groups_of", "value_on", "words"]
+__all__ = ["Group", "Queue", "SweepCase", "SweepPlan", "groups_of", "value_on", "words"]
 
 _VALUES, _SEEDS = 0, 1
 _SEED_BITS = 31
 
 
 @dataclass(frozen=True)
-class Case:
+class SweepCase:
     """One run of a sweep.
 
     Attributes:
@@ -86,7 +86,7 @@ class Group:
     key: str | None
 
 
-class Plan:
+class SweepPlan:
     """All runs of a sweep."""
 
     def __init__(self, scenario: Scenario, sweep: Sweep, motions: Sequence[Path] = ()) -> None:
@@ -151,7 +151,7 @@ class Plan:
             points = np.random.default_rng(sequence).random(len(self.variables))
         return [v.at(float(u)) for v, u in zip(self.variables.values(), points, strict=True)]
 
-    def case(self, number: int, shared: str | None = None) -> Case:
+    def case(self, number: int, shared: str | None = None) -> SweepCase:
         """One run, and the beginning that it has in common with others, if it has."""
         if self.grid:
             chosen = _digits(number, self._lists)
@@ -170,9 +170,9 @@ class Plan:
             if (since := self.variables[key].since) is not None
         )
         early = {key: value for key, value in both.items() if key not in late}
-        return Case(number, int(seed), drawn, early, late, changes, motion, fault, shared)
+        return SweepCase(number, int(seed), drawn, early, late, changes, motion, fault, shared)
 
-    def cases(self) -> Iterator[Case]:
+    def cases(self) -> Iterator[SweepCase]:
         """All runs."""
         return map(self.case, range(len(self)))
 
@@ -191,7 +191,7 @@ def _turns(number: int, lists: Sequence[Sequence[Any]]) -> list[Any]:
     return _digits(number % math.prod(map(len, lists)), lists[::-1])[::-1]
 
 
-def groups_of(plan: Plan, numbers: Sequence[int]) -> list[Group]:
+def groups_of(plan: SweepPlan, numbers: Sequence[int]) -> list[Group]:
     """Group runs by their shared prefix, those of one recording together."""
     changing = plan.faults or any(v.since is not None for v in plan.variables.values())
     if not changing and len(plan.motions) < 2:
@@ -249,7 +249,7 @@ class Queue:
         return Group(deque(reversed(taken)), longest.key)
 
 
-def value_on(axis: str, case: Case) -> Any:
+def value_on(axis: str, case: SweepCase) -> Any:
     """Return what a run has on an axis: a value, the name of a recording, a fault in words."""
     if axis == "motion":
         return Path(case.motion).name if case.motion else ""

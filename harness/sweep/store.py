@@ -21,7 +21,7 @@ from harness.common.errors import RecordError
 from harness.common.files import reason
 
 if TYPE_CHECKING:
-    from harness.sweep.worker import Row
+    from harness.sweep.worker import CaseRow
 
 __all__ = ["JOURNAL", "PAGE", "PARQUET", "Store", "contents", "differences", "rows"]
 
@@ -104,7 +104,7 @@ class Store:
             end = at
         return end
 
-    def add(self, row: Row, case: Mapping[str, Any]) -> None:
+    def add(self, row: CaseRow, case: Mapping[str, Any]) -> None:
         """Keep a row.
 
         Args:

@@ -35,9 +35,9 @@ from harness.system.events import events_of
 if TYPE_CHECKING:
     from harness.loop.loop import Checkpoint, LoopOutcome
     from harness.results.metrics import Metric
-    from harness.sweep.plan import Case
+    from harness.sweep.plan import SweepCase
 
-__all__ = ["FIXED", "LENGTHS", "Base", "Row", "Worker", "with_places"]
+__all__ = ["FIXED", "LENGTHS", "Base", "CaseRow", "Worker", "with_places"]
 
 _SYSTEMS = 4
 """Systems that are held ready; of one recording each, or of one value of what wires depend on."""
@@ -63,7 +63,7 @@ class Base:
 
 
 @dataclass(frozen=True)
-class Row:
+class CaseRow:
     """What became of a run.
 
     Attributes:
@@ -106,7 +106,7 @@ class _Beginning:
             part.restore(state)
 
 
-class _Rig:
+class _WorkerSystem:
     """A system that is run again and again."""
 
     def __init__(
@@ -153,7 +153,7 @@ class _Rig:
                 part.kept = True
         self.shares = all(_returns(part) for part in parts)
 
-    def prepare(self, case: Case, light: Mapping[str, Any]) -> None:
+    def prepare(self, case: SweepCase, light: Mapping[str, Any]) -> None:
         """Give the parts their start values."""
         problems: list[str] = []
         changed = nest_keys(light, problems).get("part", {})
@@ -177,7 +177,7 @@ class _Rig:
         if self._container is not None:
             self._container.start_values = fused
 
-    def go(self, case: Case) -> LoopOutcome:
+    def go(self, case: SweepCase) -> LoopOutcome:
         """Run, from a saved state where there is one."""
         problems: list[str] = []
         unconnected, parts, step = (
@@ -274,15 +274,15 @@ class Worker:
             base: what all runs have in common.
         """
         self._base = base
-        self._rigs: OrderedDict[str, _Rig] = OrderedDict()
+        self._rigs: OrderedDict[str, _WorkerSystem] = OrderedDict()
 
-    def perform(self, case: Case) -> Row:
+    def perform(self, case: SweepCase) -> CaseRow:
         """Run a case; whatever is wrong with it is in the row."""
         begun, before = time.perf_counter(), time.process_time()
 
-        def row(status: str, error: str = "", **more: Any) -> Row:
+        def row(status: str, error: str = "", **more: Any) -> CaseRow:
             wall, cpu = time.perf_counter() - begun, time.process_time() - before
-            return Row(case.number, status, error, wall, cpu, **more)
+            return CaseRow(case.number, status, error, wall, cpu, **more)
 
         rig = None
         try:
@@ -306,7 +306,7 @@ class Worker:
         except SteadytipError as error:
             return row("failed", str(error))
 
-    def _split(self, case: Case) -> tuple[dict[str, Any], dict[str, Any]]:
+    def _split(self, case: SweepCase) -> tuple[dict[str, Any], dict[str, Any]]:
         """Values that make another system, and start values of FMUs."""
         heavy: dict[str, Any] = {}
         light: dict[str, Any] = {}
@@ -315,7 +315,7 @@ class Worker:
             (light if start else heavy)[key] = value
         return heavy, light
 
-    def _rig(self, motion: str | None, heavy: Mapping[str, Any]) -> _Rig:
+    def _rig(self, motion: str | None, heavy: Mapping[str, Any]) -> _WorkerSystem:
         key = json.dumps([motion, dict(heavy)], sort_keys=True)
         if key in self._rigs:
             self._rigs.move_to_end(key)
@@ -327,7 +327,7 @@ class Worker:
         while len(self._rigs) >= _SYSTEMS:
             self._rigs.popitem(last=False)[1].close()
         fusable = heavy.keys() <= LENGTHS
-        self._rigs[key] = _Rig(
+        self._rigs[key] = _WorkerSystem(
             scenario,
             Path(motion) if motion else None,
             self._base.files,

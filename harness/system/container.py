@@ -21,7 +21,7 @@ from harness.system.assembly import System
 from harness.system.wiring import connect
 
 if TYPE_CHECKING:
-    from fmu_src.pack.containers import Plan
+    from fmu_src.pack.containers import ContainerPlan
 
 __all__ = ["build", "fuse"]
 
@@ -199,14 +199,14 @@ def _plan(
     members: Sequence[str],
     name: str,
     starts: Mapping[str, Mapping[str, float]],
-) -> Plan:
-    from fmu_src.kit.container import Link
-    from fmu_src.pack.containers import Plan
+) -> ContainerPlan:
+    from fmu_src.kit.container import MemberLink
+    from fmu_src.pack.containers import ContainerPlan
 
     links = [
-        Link((link.source_part, link.source), (link.target_part, link.target), link.delay)
+        MemberLink((link.source_part, link.source), (link.target_part, link.target), link.delay)
         for link in system.wiring.links
         if link.source_part in members and link.target_part in members
     ]
     models = [(part, str(system.scenario.parts[part].settings["fmu"])) for part in members]
-    return Plan(name, models, links, system.scenario.step_size, starts)
+    return ContainerPlan(name, models, links, system.scenario.step_size, starts)

@@ -13,7 +13,7 @@ from rich.markup import escape
 from rich.table import Table
 
 from harness.common import junit
-from harness.common.junit import Case, Suite
+from harness.common.junit import JunitCase, JunitSuite
 from harness.validation.checks import ITEMS, CheckOutcome
 from harness.validation.validate import Validation
 
@@ -68,16 +68,17 @@ def write_junit(path: Path, validations: Sequence[Validation]) -> None:
     Errors are failures; warnings and notes are in the output of their case, as JUnit knows none.
     """
     suites = [
-        Suite(v.path.name, tuple(_case(v, outcome) for outcome in v.outcomes)) for v in validations
+        JunitSuite(v.path.name, tuple(_case(v, outcome) for outcome in v.outcomes))
+        for v in validations
     ]
     junit.write_junit(path, "steadytip validate", suites)
 
 
-def _case(validation: Validation, outcome: CheckOutcome) -> Case:
+def _case(validation: Validation, outcome: CheckOutcome) -> JunitCase:
     problems = "\n".join(outcome.problems)
     failed = outcome.verdict == "error"
     texts = [f"{outcome.level}: {problems}"] * bool(problems and not failed)
-    return Case(
+    return JunitCase(
         group=f"{validation.path.stem}.{outcome.item}",
         name=f"{outcome.id} {outcome.title}",
         seconds=outcome.seconds,

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
 from fmu_src.kit import Outputs, Parameters, State
-from fmu_src.kit.container import Link, Member, contain
+from fmu_src.kit.container import Member, MemberLink, contain
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, integer, real
 from fmu_src.kit.runner import Runner
@@ -92,7 +92,7 @@ def wirings(draw):
                 least = 0 if source < i else 1
                 output = draw(st.sampled_from(["out", "late"]))
                 delay = draw(st.integers(least, 3))
-                links.append(Link((f"m{source}", output), (member.name, target), delay))
+                links.append(MemberLink((f"m{source}", output), (member.name, target), delay))
     return members, links
 
 
@@ -116,7 +116,7 @@ def test_ticks_are_those_of_the_members_one_by_one(wiring) -> None:
 
 def test_what_nothing_drives_is_an_input_under_both_names() -> None:
     members = [Member("one", SLOW, {}), Member("two", SLOW, {})]
-    container = contain("Pair", members, [Link(("one", "out"), ("two", "a"))], TICK)
+    container = contain("Pair", members, [MemberLink(("one", "out"), ("two", "a"))], TICK)
     groups = {k: [s.name for s in v] for k, v in container.variables.items()}
     assert groups["input"] == ["one_a", "one_b", "two_b"]
     assert groups["parameter"] == ["one.gain", "one.seed", "two.gain", "two.seed"]
@@ -130,7 +130,7 @@ def test_an_output_keeps_to_the_limits_of_what_it_drives() -> None:
     target = Model("Narrow", lambda p, u, x, T: (State(), Y(out=u.a, late=0)), Parameters, Narrow,
                    State, Y, TICK)  # fmt: skip
     members = [Member("one", SLOW, {}), Member("two", target, {})]
-    container = contain("Pair", members, [Link(("one", "out"), ("two", "a"))], TICK)
+    container = contain("Pair", members, [MemberLink(("one", "out"), ("two", "a"))], TICK)
     limits = {s.name: (s.field.min, s.field.max) for s in container.variables["output"]}
     assert limits["one_out"] == (-1.0, 2.0)
     assert limits["one_late"] == (-np.inf, np.inf)
@@ -138,7 +138,10 @@ def test_an_output_keeps_to_the_limits_of_what_it_drives() -> None:
 
 def test_dependencies_go_through_wires_of_the_same_tick_only() -> None:
     members = [Member("one", SLOW, {}), Member("two", SLOW, {}), Member("three", SLOW, {})]
-    links = [Link(("one", "out"), ("two", "a")), Link(("two", "out"), ("three", "b"), 1)]
+    links = [
+        MemberLink(("one", "out"), ("two", "a")),
+        MemberLink(("two", "out"), ("three", "b"), 1),
+    ]
     container = contain("Chain", members, links, TICK)
     sparsity = np.array(ca.DM(container.step_function.jac_sparsity(1, 2), 1).full(), dtype=bool)
     inputs = [s.name for s in container.variables["input"]]
@@ -159,7 +162,7 @@ def test_dependencies_go_through_wires_of_the_same_tick_only() -> None:
         ([("one", SLOW)], [], 2.5e-4, "sample period of 'one' .Slow., 0.001 s"),
         (
             [("one", SLOW), ("two", SLOW)],
-            [Link(("two", "out"), ("one", "a"))],
+            [MemberLink(("two", "out"), ("one", "a"))],
             TICK,
             "'one.a' needs 'two.out' of the same tick, which is computed after it",
         ),

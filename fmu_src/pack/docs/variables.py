@@ -11,7 +11,7 @@ from fmu_src.kit.records import Field, Record
 
 
 @dataclass(frozen=True)
-class Row:
+class VariableRow:
     """A field as people read it: name, shape, unit, start values, limits, what it is."""
 
     name: str
@@ -22,7 +22,7 @@ class Row:
     sentence: str
 
 
-def rows(record: type[Record], prefix: str = "") -> Iterator[Row]:
+def rows(record: type[Record], prefix: str = "") -> Iterator[VariableRow]:
     """Yield the fields of a record, nested ones under their dotted path."""
     for name, field in record.fields.items():
         if not isinstance(field, Field):
@@ -31,7 +31,7 @@ def rows(record: type[Record], prefix: str = "") -> Iterator[Row]:
         low, high = (
             "" if math.isinf(value) else f"{value:.6g}" for value in (field.min, field.max)
         )
-        yield Row(
+        yield VariableRow(
             name=prefix + name,
             shape=" x ".join(map(str, field.shape)),
             unit=(field.unit or "1") if field.kind == "Real" else field.kind,

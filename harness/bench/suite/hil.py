@@ -19,7 +19,7 @@ def words(priority: int) -> str:
 
 @pytest.mark.parametrize("priority", speed.PRIORITIES, ids=words)
 @pytest.mark.parametrize("link", speed.LINKS, ids=str)
-def bench_loop(bench: Bench, link: speed.Link, priority: int) -> None:
+def bench_loop(bench: Bench, link: speed.BusLink, priority: int) -> None:
     """Measure latency and wake-up on each transport."""
     for figure in speed.loop_figures(link, priority, bench.seconds):
         bench.add_figure("loop", f"{link}, {words(priority)}", figure.quantity, figure)

@@ -12,7 +12,7 @@ from typing import Any
 
 from harness.can.database import Database
 from harness.can.device_node import DeviceNode
-from harness.can.fault_injection import Fault
+from harness.can.fault_injection import InjectedFault
 from harness.common.types import FloatArray
 from harness.parts.can.settings import Keys, port_of
 from harness.parts.ports import Port
@@ -35,7 +35,7 @@ class BoardPart:
         self.database = database
         self.seconds = math.inf
         self.drift = 0.0
-        self.faults: Sequence[Fault] = ()
+        self.faults: Sequence[InjectedFault] = ()
         self.seed = 0
         self.node: DeviceNode | None = None
         self.inputs: Sequence[Port] = ()

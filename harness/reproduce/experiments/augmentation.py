@@ -46,7 +46,7 @@ __all__ = [
     "FILTERS",
     "SETTINGS_E13",
     "Populations",
-    "TrackedMotion",
+    "RecordedTrack",
     "broad_trials",
     "category",
     "errors_by_step",
@@ -132,7 +132,7 @@ _EXACT_E13: Mapping[str, Any] = {
 
 
 @dataclass(frozen=True)
-class TrackedMotion:
+class RecordedTrack:
     """One acquisition; every array has one row for each inertial sample.
 
     Attributes:
@@ -162,7 +162,7 @@ class TrackedMotion:
         """Times of the samples, (n,) [s]."""
         return np.asarray(self.period * np.arange(len(self.position)))
 
-    def until(self, end: int) -> TrackedMotion:
+    def until(self, end: int) -> RecordedTrack:
         """Return the motion's first samples alone."""
         return replace(
             self,
@@ -173,7 +173,7 @@ class TrackedMotion:
             inputs={name: values[:end] for name, values in self.inputs.items()},
         )
 
-    def occluded(self, *intervals: tuple[int, int]) -> TrackedMotion:
+    def occluded(self, *intervals: tuple[int, int]) -> RecordedTrack:
         """Return the motion without the optical samples in some intervals [first, end)."""
         new = self.new.copy()
         for first, end in intervals:
@@ -220,14 +220,14 @@ class Populations:
 
 
 def errors(
-    motion: TrackedMotion, outputs: Mapping[str, FloatArray]
+    motion: RecordedTrack, outputs: Mapping[str, FloatArray]
 ) -> tuple[FloatArray, FloatArray]:
     """Return errors in W of each sample: position (n, 3) [m], rotation vector (n, 3) [rad]."""
     turned = _rotation(outputs["attitude"]) * _rotation(motion.attitude).inv()
     return outputs["position"] - motion.position, turned.as_rotvec()
 
 
-def errors_by_step(name: str, motion: TrackedMotion) -> Populations:
+def errors_by_step(name: str, motion: RecordedTrack) -> Populations:
     """Return errors of a filter, or of the tracker alone, by step; as many steps as the ratio."""
     position, attitude = errors(motion, estimate(name, motion))
     steps = since(motion.new)
@@ -235,7 +235,7 @@ def errors_by_step(name: str, motion: TrackedMotion) -> Populations:
     return Populations(steps[kept], position[kept], attitude[kept])
 
 
-def estimate(name: str, motion: TrackedMotion) -> Mapping[str, FloatArray]:
+def estimate(name: str, motion: RecordedTrack) -> Mapping[str, FloatArray]:
     """Return outputs of one of FILTERS, or of ALONE, over a motion."""
     if name == TRACKER_ALONE:
         return extrapolate(motion)
@@ -249,7 +249,7 @@ def estimate(name: str, motion: TrackedMotion) -> Mapping[str, FloatArray]:
     return CompiledRunner(model, settings).run(len(motion.position), given)
 
 
-def extrapolate(motion: TrackedMotion) -> dict[str, FloatArray]:
+def extrapolate(motion: RecordedTrack) -> dict[str, FloatArray]:
     """Extrapolate each optical sample with the velocity and rate between the last two."""
     at = np.flatnonzero(motion.new)
     place, turned = (
@@ -272,7 +272,7 @@ def extrapolate(motion: TrackedMotion) -> dict[str, FloatArray]:
 
 def recorded(
     context: Context, ratio: int, names: Sequence[str] = TRIALS[:3]
-) -> list[TrackedMotion]:
+) -> list[RecordedTrack]:
     """Return trials of BROAD as motions; none where there are no recordings."""
     return [_of_trial(trial, ratio) for trial in broad_trials(context, names)]
 
@@ -289,11 +289,11 @@ def _trial(path: Path) -> BroadTrial:
     return read_trial(path)
 
 
-def _of_trial(trial: BroadTrial, ratio: int) -> TrackedMotion:
+def _of_trial(trial: BroadTrial, ratio: int) -> RecordedTrack:
     new = trial.thinned(ratio)
     inputs = {**trial.inertial(), **trial.optical(new)}
     name = f"trial {trial.name[:2]}"
-    return TrackedMotion(
+    return RecordedTrack(
         name,
         "recorded",
         trial.period,
@@ -306,7 +306,7 @@ def _of_trial(trial: BroadTrial, ratio: int) -> TrackedMotion:
     )
 
 
-def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> TrackedMotion:
+def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> RecordedTrack:
     """Simulate E13 3.5.1.1: speed 150 mm/s in the mean, 300 at the most; 20 and 70 deg/s about y.
 
     Acceleration and rate are central differences of the path; Gaussian noise of at most 100 mm/s2,
@@ -336,7 +336,7 @@ def simulated(seed: int, ratio: int = 10, seconds: float = 10.0) -> TrackedMotio
     }
     # As E13 3.62, without the first ten optical samples.
     counted = np.arange(n) >= 10 * ratio
-    return TrackedMotion(
+    return RecordedTrack(
         f"path {seed}", "exact", PERIOD, ratio, position, attitude, counted, new, inputs
     )
 
@@ -360,7 +360,7 @@ SIDE = 0.2
 """Of the squares [m]."""
 
 
-def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> TrackedMotion:
+def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> RecordedTrack:
     """Move a hand along a square (E13 3.5.1.2), with tremor, seen by tracker and inertial unit.
 
     Each side is a movement of least jerk; the shortest has the category's largest speed. Angles
@@ -410,7 +410,7 @@ def category(number: int, seed: int, ratio: int = 10, seconds: float = 10.0) -> 
     inputs = {**sensed, **seen}
     new = seen["optical_new"] > 0
     name = f"category {number}, acquisition {seed}"
-    return TrackedMotion(name, "hand", PERIOD, ratio, body, attitude, t >= SETTLE, new, inputs)
+    return RecordedTrack(name, "hand", PERIOD, ratio, body, attitude, t >= SETTLE, new, inputs)
 
 
 def _unit(rng: np.random.Generator) -> dict[str, Any]:
@@ -442,7 +442,7 @@ def _square(
     return plane.apply(begin + (end - begin) * way), plane.apply((end - begin) * bend)
 
 
-def speeds(motion: TrackedMotion) -> tuple[float, float, float, float]:
+def speeds(motion: RecordedTrack) -> tuple[float, float, float, float]:
     """Return mean and largest speed [m/s] and rate [rad/s] of what counts.
 
     By differences over five samples; the 99.9th percentile counts as the largest.
@@ -464,7 +464,7 @@ def _largest(values: FloatArray) -> float:
     return float(np.percentile(values, 99.9))
 
 
-def stretch(motion: TrackedMotion, seconds: float) -> slice:
+def stretch(motion: RecordedTrack, seconds: float) -> slice:
     """Return the first part of a motion of which every sample counts.
 
     Raises:
@@ -478,14 +478,14 @@ def stretch(motion: TrackedMotion, seconds: float) -> slice:
     return slice(int(places[0]), int(places[0]) + length)
 
 
-def windows(motion: TrackedMotion, samples: int = 100, count: int = 9) -> list[tuple[int, int]]:
+def windows(motion: RecordedTrack, samples: int = 100, count: int = 9) -> list[tuple[int, int]]:
     """Return successive occlusions over what counts, each of its own run (E13 fig. 3.9)."""
     first = stretch(motion, samples * count * motion.period).start
     starts = first + samples * np.arange(count)
     return [(int(start), int(start) + samples) for start in starts]
 
 
-def occluded_errors(name: str, motions: Iterable[TrackedMotion], samples: int = 100) -> Populations:
+def occluded_errors(name: str, motions: Iterable[RecordedTrack], samples: int = 100) -> Populations:
     """Return errors by samples since an occlusion began, of all windows of all motions."""
     parts = []
     for motion in motions:

@@ -18,7 +18,7 @@ from harness.reproduce.experiments.augmentation import (
     FILTERS,
     TRACKER_ALONE,
     Populations,
-    TrackedMotion,
+    RecordedTrack,
     category,
     errors_by_step,
     recorded,
@@ -70,7 +70,7 @@ class Augmented:
 
 def follow_all(
     origin: str,
-    motions: list[TrackedMotion],
+    motions: list[RecordedTrack],
     progress: Callable[[float, str], None] = lambda share, what: None,
 ) -> Augmented:
     """Follow some motions by all filters and by the tracker alone."""

@@ -4,7 +4,7 @@ import can
 import pytest
 
 from harness.can import channel as media
-from harness.can.channel import TRIES, Address, CanChannel, State
+from harness.can.channel import TRIES, Address, CanChannel, ChannelState
 from harness.can.database import load
 from harness.can.transport import bus_off_frame
 from harness.common.errors import FaultError
@@ -65,14 +65,14 @@ def test_off_the_bus_it_is_silent_for_a_tenth_of_a_second_and_begins_anew(pair, 
     medium, other = pair
     bus_off(other)
     assert medium.receive(0.1) is None
-    assert medium.state is State.BUS_OFF
+    assert medium.state is ChannelState.BUS_OFF
     assert medium.send(0xA0, bytes(8), False) is None
     clock.time += 99_000
     assert medium.receive(0.0) is None
-    assert medium.state is State.BUS_OFF
+    assert medium.state is ChannelState.BUS_OFF
     clock.time += 1_000
     medium.receive(0.0)
-    assert medium.state is State.OPEN
+    assert medium.state is ChannelState.OPEN
 
 
 def test_three_restarts_in_vain_are_a_failure(pair, clock) -> None:
@@ -80,16 +80,16 @@ def test_three_restarts_in_vain_are_a_failure(pair, clock) -> None:
     for _ in range(TRIES):
         bus_off(other)
         medium.receive(0.1)
-        assert medium.state is State.BUS_OFF
+        assert medium.state is ChannelState.BUS_OFF
         clock.time += 100_000
         medium.receive(0.0)
-        assert medium.state is State.OPEN
+        assert medium.state is ChannelState.OPEN
         other.shutdown()
         other = can.Bus(interface="virtual", channel=medium._address.channel)
     bus_off(other)
     medium.receive(0.1)
     other.shutdown()
-    assert medium.state is State.FAILED
+    assert medium.state is ChannelState.FAILED
     assert "after 3 restarts without a whole sample" in medium.reason
 
 
@@ -101,7 +101,7 @@ def test_a_sample_in_between_makes_the_tries_count_anew(pair, clock) -> None:
         clock.time += 100_000
         medium.receive(0.0)
         medium.recovered()
-        assert medium.state is State.OPEN
+        assert medium.state is ChannelState.OPEN
         other.shutdown()
         other = can.Bus(interface="virtual", channel=medium._address.channel)
     other.shutdown()
@@ -118,12 +118,12 @@ def test_a_medium_that_fails_is_gone_and_tried_again_until_its_patience_is_over(
     monkeypatch.setattr(medium._bus, "recv", fails)
     monkeypatch.setattr(medium, "_open", fails)
     assert medium.receive(0.0) is None
-    assert medium.state is State.GONE
+    assert medium.state is ChannelState.GONE
     assert "unplugged" in medium.reason
     for _ in range(12):
         clock.time += 100_000
         medium.receive(0.0)
-    assert medium.state is State.FAILED
+    assert medium.state is ChannelState.FAILED
     assert "did not come back within 1 s" in medium.reason
 
 
@@ -135,10 +135,10 @@ def test_one_that_comes_back_is_open_again(pair, clock, monkeypatch) -> None:
 
     monkeypatch.setattr(medium._bus, "send", fails)
     assert medium.send(0xA0, bytes(8), False) is None
-    assert medium.state is State.GONE
+    assert medium.state is ChannelState.GONE
     clock.time += 100_000
     medium.receive(0.0)
-    assert medium.state is State.OPEN
+    assert medium.state is ChannelState.OPEN
 
 
 def test_one_that_does_not_open_says_what_was_tried() -> None:

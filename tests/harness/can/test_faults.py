@@ -7,7 +7,7 @@ import pytest
 
 from harness.can.codec import Codec
 from harness.can.database import HOLD, RUN
-from harness.can.fault_injection import BABBLE, Fault, parse
+from harness.can.fault_injection import BABBLE, InjectedFault, parse
 from harness.scenario.schema import Hil
 from tests.harness.can.virtual import STEP, Rig, truth
 
@@ -367,7 +367,7 @@ def test_a_board_that_hears_nothing_goes_to_rest(dbc) -> None:
 
 def test_the_same_faults_and_seed_give_the_same_run() -> None:
     def one(seed: int) -> tuple[list, list]:
-        rig = Rig(faults=[Fault("drop", 0.1), Fault("reorder", 0.05)], seed=seed)
+        rig = Rig(faults=[InjectedFault("drop", 0.1), InjectedFault("reorder", 0.05)], seed=seed)
         rig.run(300)
         return rig.volts, rig.modes
 

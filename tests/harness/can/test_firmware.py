@@ -41,8 +41,8 @@ from harness.can.fault_injection import KINDS
 from harness.can.firmware import sources
 from harness.can.firmware.build import build_board
 from harness.can.firmware.process import CHANNELS, FirmwareBoard, fault_kinds, write_samples
+from harness.can.protection import CheckStatus
 from harness.can.protection import Counter as Sequencer
-from harness.can.protection import Status
 from harness.can.voltage_ramp import VoltageRamp
 from harness.scenario.schema import Hil
 
@@ -714,10 +714,10 @@ class Model:
 
     def is_usable(self, counter: int) -> bool:
         status = self.sequence.take(counter)
-        self.counts["repeated"] += status is Status.REPEATED
-        self.counts["sequence"] += status is Status.WRONG_SEQUENCE
+        self.counts["repeated"] += status is CheckStatus.REPEATED
+        self.counts["sequence"] += status is CheckStatus.WRONG_SEQUENCE
         self.counts["lost"] += self.sequence.lost
-        return status in (Status.INITIAL, Status.OK, Status.OK_SOME_LOST)
+        return status in (CheckStatus.INITIAL, CheckStatus.OK, CheckStatus.OK_SOME_LOST)
 
     def tick(self) -> None:
         if self.quiet == 5:

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
 from harness.can.clock import BoardClock
-from harness.can.fault_injection import KINDS, Fault, parse
-from harness.can.protection import Counter, Status
+from harness.can.fault_injection import KINDS, InjectedFault, parse
+from harness.can.protection import CheckStatus, Counter
 from harness.can.voltage_ramp import VoltageRamp
 
 LIMITS = [(0.0, 100.0)] * 3
@@ -22,10 +22,15 @@ def test_what_a_counter_says_depends_on_its_step_alone(modulus, data) -> None:
     first = data.draw(st.integers(0, modulus - 1))
     step = data.draw(st.integers(0, modulus - 1))
     counter = Counter(modulus)
-    assert counter.take(first) is Status.INITIAL
+    assert counter.take(first) is CheckStatus.INITIAL
     found = counter.take((first + step) % modulus)
-    wanted = {0: Status.REPEATED, 1: Status.OK, 2: Status.OK_SOME_LOST, 3: Status.OK_SOME_LOST}
-    assert found is wanted.get(step, Status.WRONG_SEQUENCE)
+    wanted = {
+        0: CheckStatus.REPEATED,
+        1: CheckStatus.OK,
+        2: CheckStatus.OK_SOME_LOST,
+        3: CheckStatus.OK_SOME_LOST,
+    }
+    assert found is wanted.get(step, CheckStatus.WRONG_SEQUENCE)
     assert counter.in_sequence is (step <= 3)
     assert counter.lost == (step - 1 if step in (2, 3) else 0)
 
@@ -33,14 +38,14 @@ def test_what_a_counter_says_depends_on_its_step_alone(modulus, data) -> None:
 def test_a_wrong_sequence_is_over_with_the_second_good_frame() -> None:
     counter = Counter(15)
     found = [counter.take(value) for value in (0, 7, 8, 9, 10)]
-    ok = [Status.OK] * 2
-    assert found == [Status.INITIAL, Status.WRONG_SEQUENCE, Status.SYNC, *ok]
+    ok = [CheckStatus.OK] * 2
+    assert found == [CheckStatus.INITIAL, CheckStatus.WRONG_SEQUENCE, CheckStatus.SYNC, *ok]
 
 
 def test_the_value_that_no_counter_has_is_a_wrong_sequence() -> None:
     counter = Counter(15)
     counter.take(14)
-    assert counter.take(15) is Status.WRONG_SEQUENCE
+    assert counter.take(15) is CheckStatus.WRONG_SEQUENCE
 
 
 @pytest.mark.parametrize("drift", [-100e-6, 0.0, 37e-6, 100e-6])
@@ -121,7 +126,9 @@ def test_a_drive_catches_up_with_what_moves_faster_than_it_may() -> None:
     st.floats(0.001, 50).map(lambda x: round(x, 3)),
 )
 def test_a_fault_reads_as_it_is_written(kind, rate, start, length) -> None:
-    fault = Fault(kind, float(f"{rate:g}"), float(f"{start:g}"), float(f"{start + length:g}"))
+    fault = InjectedFault(
+        kind, float(f"{rate:g}"), float(f"{start:g}"), float(f"{start + length:g}")
+    )
     if fault.start < fault.end:
         assert parse(str(fault)) == fault
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from harness.can.database import HOLD, RUN
-from harness.can.fault_injection import KINDS, Fault
+from harness.can.fault_injection import KINDS, InjectedFault
 from tests.harness.can.virtual import STEP, Rig, truth
 
 SEEDS = 1000
@@ -18,14 +18,14 @@ ALTERS = {"freeze", "unavailable"}
 """What a board does to its values before it protects them: nobody can see that from outside."""
 
 
-def sequence(seed: int) -> list[Fault]:
+def sequence(seed: int) -> list[InjectedFault]:
     chance = random.Random(seed)
     faults = []
     for _ in range(chance.randint(1, 5)):
         start = chance.uniform(0.02, (TICKS - CLEAN) * STEP - 0.03)
         end = min(start + chance.choice([0.002, 0.01, 0.05, 0.3]), (TICKS - CLEAN) * STEP)
         rate = chance.choice([0.02, 0.2, 0.7, 1.0])
-        faults.append(Fault(chance.choice(KINDS), rate, start, end))
+        faults.append(InjectedFault(chance.choice(KINDS), rate, start, end))
     return faults
 
 

@@ -16,7 +16,7 @@ from can.util import CAN_FD_DLC
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
-from harness.can.slcanbulk import BITRATES, Pty, SlcanBulkBus, Status
+from harness.can.slcanbulk import BITRATES, LineStatus, Pty, SlcanBulkBus
 from tests.harness.can.frames import frames, number, pump, same, sample
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs ptys")
@@ -294,8 +294,8 @@ def test_status_is_taken_only_when_it_was_asked_for(pair) -> None:
     computer, device = pair
     device._write(b"F08\r")
     pump(computer, lambda: computer.malformed == 1)
-    assert computer.status == Status(0)
-    device.status = Status.ERROR_PASSIVE | Status.BUS_ERROR
+    assert computer.status == LineStatus(0)
+    device.status = LineStatus.ERROR_PASSIVE | LineStatus.BUS_ERROR
     computer.ask_status()
     computer.ask_version()
     for _ in range(100):
@@ -304,12 +304,12 @@ def test_status_is_taken_only_when_it_was_asked_for(pair) -> None:
         if computer.version is not None:
             break
     assert computer.version == "1013"
-    assert computer.status is Status.ERROR_PASSIVE | Status.BUS_ERROR
+    assert computer.status is LineStatus.ERROR_PASSIVE | LineStatus.BUS_ERROR
     assert computer.malformed == 1
     device._write(b"F00\rV2000\r")
     pump(computer, lambda: computer.malformed == 3)
     assert computer.version == "1013"
-    assert computer.status is Status.ERROR_PASSIVE | Status.BUS_ERROR
+    assert computer.status is LineStatus.ERROR_PASSIVE | LineStatus.BUS_ERROR
 
 
 @pytest.mark.parametrize(

@@ -8,11 +8,11 @@ from collections.abc import Callable, Sequence
 
 import can
 
-from harness.can.channel import Address, State
+from harness.can.channel import Address, ChannelState
 from harness.can.controller_node import ControllerNode
 from harness.can.database import Database, load
 from harness.can.device_node import DeviceNode
-from harness.can.fault_injection import Fault
+from harness.can.fault_injection import InjectedFault
 from harness.scenario.schema import Hil
 
 STEP = 1e-3
@@ -25,7 +25,7 @@ class Wire:
     """What the board sees of the medium."""
 
     def __init__(self) -> None:
-        self.state = State.OPEN
+        self.state = ChannelState.OPEN
         self.frames: list[tuple[int, bytes, bool, bool]] = []
         self.bus_off = False
         self.away = 0.0
@@ -62,7 +62,7 @@ class Rig:
     def __init__(
         self,
         dbc: str = "instrument",
-        faults: Sequence[Fault] = (),
+        faults: Sequence[InjectedFault] = (),
         seed: int = 0,
         policy: Hil | None = None,
         each: Callable[["Rig"], None] = lambda _: None,
@@ -96,11 +96,11 @@ class Rig:
     def step(self) -> None:
         """One sample, one tick, one command."""
         board, wire = self.board, self.wire
-        state = State.OPEN
+        state = ChannelState.OPEN
         if self._is_active("bus-off"):
-            state = State.BUS_OFF
+            state = ChannelState.BUS_OFF
         elif self._is_active("unplug"):
-            state = State.GONE
+            state = ChannelState.GONE
         board.index = self.tick
         board._apply(self.time)
         values = {n: truth(self.tick, i) for i, n in enumerate(self.names)}
@@ -109,7 +109,7 @@ class Rig:
         board.transmit({**values, "temperature": 25.0})
         arrivals, self.inject = [*wire.frames, *self.inject], []
         for index, (id, data, is_fd, extended) in enumerate(arrivals):
-            if state is State.OPEN:
+            if state is ChannelState.OPEN:
                 self.loop.hear(
                     can.Message(
                         timestamp=self.time + TRANSIT * (index + 1) // (len(arrivals) + 1),
@@ -123,7 +123,7 @@ class Rig:
         u = asked(self.tick)
         data = self.loop.command(u)
         assert data is not None
-        if state is State.OPEN and not self.deaf:
+        if state is ChannelState.OPEN and not self.deaf:
             board.reception.take(
                 self.time + TRANSIT + 50, self._command.id, data, False, self._command.is_fd
             )

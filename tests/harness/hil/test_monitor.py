@@ -35,7 +35,16 @@ from harness.bench.monitor_load import (
     refresh,
 )
 from harness.hil.monitor import _parser, _serve, start_monitor
-from harness.hil.monitor_view import Pulse, Rows, State, fresh, histogram, joined, tip_of, view_of
+from harness.hil.monitor_view import (
+    MonitorState,
+    Pulse,
+    Rows,
+    fresh,
+    histogram,
+    joined,
+    tip_of,
+    view_of,
+)
 from harness.hil.ring import Ring
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
@@ -212,25 +221,30 @@ def test_before_the_first_sample() -> None:
 def test_a_pulse(tmp_path) -> None:
     pulse, writer = Pulse(), rings(tmp_path)[0]
     row = loop_rows(1)[0]
-    assert pulse.look(None, 0.0) == (State.WAITING, 0.0)
+    assert pulse.look(None, 0.0) == (MonitorState.WAITING, 0.0)
     ring = Ring.open(writer.path)
-    assert pulse.look(ring, 1.0)[0] is State.WAITING
-    assert pulse.look(ring, 9.0)[0] is State.WAITING  # a loop that waits for its board
+    assert pulse.look(ring, 1.0)[0] is MonitorState.WAITING
+    assert pulse.look(ring, 9.0)[0] is MonitorState.WAITING  # a loop that waits for its board
     writer.append(row)
-    assert pulse.look(ring, 9.25)[0] is State.RUNNING
-    assert pulse.look(ring, 10.25)[0] is State.RUNNING
-    assert pulse.look(ring, 10.5) == (State.SILENT, 1.25)
+    assert pulse.look(ring, 9.25)[0] is MonitorState.RUNNING
+    assert pulse.look(ring, 10.25)[0] is MonitorState.RUNNING
+    assert pulse.look(ring, 10.5) == (MonitorState.SILENT, 1.25)
     writer.append(row)
-    assert pulse.look(ring, 10.75)[0] is State.RUNNING
+    assert pulse.look(ring, 10.75)[0] is MonitorState.RUNNING
     writer.close()
-    assert pulse.look(ring, 11.0)[0] is State.STOPPED
+    assert pulse.look(ring, 11.0)[0] is MonitorState.STOPPED
 
 
 def test_a_ring_whose_writer_died_before_is_never_taken_for_running(tmp_path) -> None:
     pulse, writer = Pulse(), rings(tmp_path)[0]
     writer.append(loop_rows(1)[0])
     states = [pulse.look(writer, now)[0] for now in (5.0, 5.5, 6.0, 6.5)]
-    assert states == [State.WAITING, State.WAITING, State.WAITING, State.SILENT]
+    assert states == [
+        MonitorState.WAITING,
+        MonitorState.WAITING,
+        MonitorState.WAITING,
+        MonitorState.SILENT,
+    ]
 
 
 # ---- Server -------------------------------------------------------------------------------------

@@ -9,7 +9,7 @@ from fmu_src.errors import SteadytipError
 from harness.can.database import load
 from harness.cli.main import app
 from harness.hil import speed
-from harness.hil.speed import Link, codec_figures, loop_figures, pacing_figures
+from harness.hil.speed import BusLink, codec_figures, loop_figures, pacing_figures
 
 from .synthetic import record
 
@@ -32,7 +32,7 @@ def made_up(monkeypatch, tmp_path):
 
 
 def test_figures_of_a_run_are_its_metrics_with_the_conditions(made_up, tmp_path):
-    figures = {f.quantity: f for f in loop_figures(Link("unixbus", "python"), 50, 3.0)}
+    figures = {f.quantity: f for f in loop_figures(BusLink("unixbus", "python"), 50, 3.0)}
     metrics = record(tmp_path / "same", ticks=300).metrics
     assert figures["latency, median"].measured == 1e6 * metrics["latency_p50"].value
     assert figures["wake-up, 99 %"].measured == 1e6 * metrics["wake_up_p99"].value
@@ -97,12 +97,12 @@ def test_a_run_without_a_latency_is_told(monkeypatch, tmp_path):
     with pytest.raises(
         SteadytipError, match="unixbus, python board: no sample of 1 s came in time"
     ):
-        loop_figures(Link("unixbus", "python"), 0, 1.0)
+        loop_figures(BusLink("unixbus", "python"), 0, 1.0)
 
 
 @pytest.mark.slow
 @pytest.mark.xdist_group("wall-clock")
 def test_on_the_wall_clock():
-    figures = {f.quantity: f for f in loop_figures(Link("unixbus", "python"), 50, 2.0)}
+    figures = {f.quantity: f for f in loop_figures(BusLink("unixbus", "python"), 50, 2.0)}
     assert 0 < figures["wake-up, median"].measured < figures["latency, median"].measured
     assert figures["latency, median"].measured < figures["latency, 99 %"].measured

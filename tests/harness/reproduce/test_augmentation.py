@@ -11,7 +11,7 @@ from harness.reproduce.experiments import augmentation, augmented
 from harness.reproduce.experiments.augmentation import (
     CATEGORIES,
     Populations,
-    TrackedMotion,
+    RecordedTrack,
     category,
     errors,
     errors_by_step,
@@ -27,7 +27,7 @@ from tests.harness.reproduce.conftest import measured, run_item
 RATIO = 4
 
 
-def straight(n: int = 60) -> TrackedMotion:
+def straight(n: int = 60) -> RecordedTrack:
     """A body that moves and turns evenly, seen without noise at each fourth sample."""
     t = 5e-3 * np.arange(n)
     position = np.outer(t, [0.1, -0.2, 0.3])
@@ -35,7 +35,7 @@ def straight(n: int = 60) -> TrackedMotion:
     new = np.arange(n) % RATIO == 0
     inputs = {"optical_position": position, "optical_attitude": attitude}
     counted = np.arange(n) >= 2 * RATIO
-    return TrackedMotion("straight", "exact", 5e-3, RATIO, position, attitude, counted, new, inputs)
+    return RecordedTrack("straight", "exact", 5e-3, RATIO, position, attitude, counted, new, inputs)
 
 
 def test_constant_velocity_is_exact_on_a_motion_that_has_it():

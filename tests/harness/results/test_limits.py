@@ -13,7 +13,7 @@ import steadytip as st
 from harness.can.frame_log import read_log
 from harness.cli.main import app
 from harness.common.errors import ProblemsError
-from harness.common.junit import Case, Suite, write_junit
+from harness.common.junit import JunitCase, JunitSuite, write_junit
 from harness.results.conversion import convert
 from harness.results.limits import MACHINES, judge, suite_of
 from harness.scenario.load import load
@@ -160,8 +160,10 @@ def test_junit_has_a_case_for_each_point(tmp_path):
 
 
 def test_junit_holds_any_text(tmp_path):
-    case = Case("g", "a\x00<b>", failure='first "line"\nsecond\ud800', output="ä & \x1b[0m")
-    path = write_junit(tmp_path / "j.xml", "n", [Suite("s", (case, Case("g", "b", skipped="")))])
+    case = JunitCase("g", "a\x00<b>", failure='first "line"\nsecond\ud800', output="ä & \x1b[0m")
+    path = write_junit(
+        tmp_path / "j.xml", "n", [JunitSuite("s", (case, JunitCase("g", "b", skipped="")))]
+    )
     (suite,) = ElementTree.parse(path).getroot()
     first, second = suite
     assert first.get("name") == "a\ufffd<b>"

@@ -138,7 +138,7 @@ def figures(signals: np.ndarray, settle: float) -> dict[str, float]:
         step=PERIOD,
         settle=settle,
         tip=tip[HAND_LATE:],
-        moved=moved[HAND_LATE:],
+        tip_uncompensated=moved[HAND_LATE:],
         intent=intent[:-HAND_LATE],
     )
     return {name: metric.value for name, metric in metrics_of(motion).items()}

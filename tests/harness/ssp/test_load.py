@@ -169,7 +169,7 @@ def test_the_loop_runs_at_the_longest_step_and_says_what_does_not_fit(
     top = system("".join(component(f"c{n}", attributes=f'source="{n}"') for n in files))
     path = archive(document(top, '<ssd:DefaultExperiment stopTime="1"/>'), files)
     loaded = load(path, tmp_path / "loaded")
-    assert load_scenario(loaded.scenario).step == 4e-3
+    assert load_scenario(loaded.scenario).step_size == 4e-3
     assert loaded.notes == ("steps of 0.003 s do not fit into the loop's 0.004 s",)
     assert load_scenario(load(path, tmp_path / "again", 1e-3).scenario).step == 1e-3
 

@@ -9,14 +9,14 @@ from hypothesis import strategies as st
 
 from harness.scenario import load as scenarios
 from harness.scenario.sweep import Sweep
-from harness.sweep.plan import Group, Plan, Queue, groups_of
+from harness.sweep.plan import Group, Queue, SweepPlan, groups_of
 
 CLOSED = scenarios.load("closed_loop")
 TWO = {"a": {"min": 0.0, "max": 1.0}, "b": {"mean": 0.0, "sigma": 1.0}}
 
 
-def plan(**said) -> Plan:
-    return Plan(CLOSED, Sweep.model_validate(said))
+def plan(**said) -> SweepPlan:
+    return SweepPlan(CLOSED, Sweep.model_validate(said))
 
 
 @given(st.integers(0, 500), st.integers(0, 2**32), st.integers(501, 900))

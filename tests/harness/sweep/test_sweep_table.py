@@ -8,14 +8,14 @@ from scipy import stats
 
 from harness.common.errors import ProblemsError
 from harness.scenario import load as scenarios
-from harness.scenario.sweep import Sweep, Variable
+from harness.scenario.sweep import Sweep, SweepVariable
 
 inside = st.floats(min_value=1e-9, max_value=1.0 - 1e-9)
 
 
 @given(inside, st.floats(1e-6, 1.0), st.floats(1.001, 1e3), st.sampled_from(["linear", "log"]))
 def test_a_range_stays_in_its_range_and_rises(u, low, ratio, scale):
-    variable = Variable(min=low, max=low * ratio, scale=scale)
+    variable = SweepVariable(min=low, max=low * ratio, scale=scale)
     value = variable.at(u)
     assert low <= value <= low * ratio
     assert variable.at(u / 2) <= value
@@ -26,34 +26,34 @@ def test_a_range_stays_in_its_range_and_rises(u, low, ratio, scale):
 
 @given(inside)
 def test_a_normal_variable_is_cut_off_where_it_says(u):
-    variable = Variable(mean=1.0, sigma=0.5, min=0.9, max=1.3)
+    variable = SweepVariable(mean=1.0, sigma=0.5, min=0.9, max=1.3)
     assert 0.9 <= variable.at(u) <= 1.3
-    far = Variable(mean=0.0, sigma=1.0, min=6.0, max=9.0)
+    far = SweepVariable(mean=0.0, sigma=1.0, min=6.0, max=9.0)
     assert far.at(u) == pytest.approx(stats.truncnorm(6.0, 9.0).ppf(u), rel=1e-6)
-    free = Variable(mean=1.0, sigma=0.5)
+    free = SweepVariable(mean=1.0, sigma=0.5)
     assert free.at(u) == pytest.approx(stats.norm(1.0, 0.5).ppf(u), rel=1e-6, abs=1e-6)
 
 
 @given(inside)
 def test_a_distribution_is_that_of_scipy(u):
-    variable = Variable.model_validate({"distribution": "gamma", "a": 2.0, "scale": 3.0})
+    variable = SweepVariable.model_validate({"distribution": "gamma", "a": 2.0, "scale": 3.0})
     assert variable.at(u) == pytest.approx(stats.gamma(2.0, scale=3.0).ppf(u))
 
 
 @given(inside, st.integers(1, 7))
 def test_every_listed_value_is_equally_likely(u, count):
-    variable = Variable(values=list(range(count)))
+    variable = SweepVariable(values=list(range(count)))
     assert variable.at(u) == int(u * count)
 
 
 def test_points_of_a_grid_are_even_and_have_both_ends():
-    assert Variable(min=1.0, max=2.0, points=3).listed() == [1.0, 1.5, 2.0]
-    assert Variable(min=1e-3, max=0.1, points=3, scale="log").listed() == [
+    assert SweepVariable(min=1.0, max=2.0, points=3).listed() == [1.0, 1.5, 2.0]
+    assert SweepVariable(min=1e-3, max=0.1, points=3, scale="log").listed() == [
         1e-3,
         pytest.approx(1e-2),
         0.1,
     ]
-    assert Variable(min=1, max=4, points=4, integer=True).listed() == [1, 2, 3, 4]
+    assert SweepVariable(min=1, max=4, points=4, integer=True).listed() == [1, 2, 3, 4]
 
 
 @pytest.mark.parametrize(

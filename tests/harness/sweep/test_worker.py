@@ -10,8 +10,8 @@ import pytest
 import steadytip as st
 from harness.loop import loop as loops
 from harness.scenario import load as scenarios
-from harness.sweep.plan import Plan, Queue, groups_of
-from harness.sweep.worker import Base, Row, Worker, with_places
+from harness.sweep.plan import Queue, SweepPlan, groups_of
+from harness.sweep.worker import Base, CaseRow, Worker, with_places
 from harness.system.assembly import assemble
 from harness.system.container import fuse
 
@@ -30,20 +30,20 @@ at    = 0.5
 """
 
 
-def laid_out(path, fused: bool = False, **overrides) -> tuple[Plan, Base]:
+def laid_out(path, fused: bool = False, **overrides) -> tuple[SweepPlan, Base]:
     scenario = scenarios.load(path, overrides)
-    plan = Plan(scenario, scenario.sweep)
+    plan = SweepPlan(scenario, scenario.sweep)
     common = with_places(scenario, plan.faults)
     container = fuse(assemble(common)).parts["container"].description.path if fused else None
     return plan, Base(common, {}, container)
 
 
-def values(row: Row) -> dict[str, float]:
+def values(row: CaseRow) -> dict[str, float]:
     assert row.status == "ok", row.error
     return {name: metric.value for name, metric in row.metrics.items()}
 
 
-def in_order(plan: Plan) -> list:
+def in_order(plan: SweepPlan) -> list:
     queue = Queue(groups_of(plan, range(len(plan))))
     return [plan.case(*queue.next("one")) for _ in range(len(plan))]
 
@@ -135,7 +135,7 @@ def test_a_recording_may_vary(tmp_path, recording):
     scenario = scenarios.load(
         "closed_loop", {"seconds": 1.5, "warm_up": 0.2, "sweep": {"motions": [str(recording)] * 2}}
     )
-    plan = Plan(scenario, scenario.sweep, [recording])
+    plan = SweepPlan(scenario, scenario.sweep, [recording])
     ((_, row),) = _performed(Base(with_places(scenario, ()), {}), [plan.case(0)])
     result = st.run(
         "closed_loop",

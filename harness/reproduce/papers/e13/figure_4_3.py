@@ -11,7 +11,7 @@ from harness.report.plots import GREY, grid, line
 from harness.reproduce.experiments.augmentation import (
     AXIS,
     FILTERS,
-    TrackedMotion,
+    RecordedTrack,
     category,
     errors,
     recorded,
@@ -55,7 +55,7 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _plot(motion: TrackedMotion, found: Mapping[str, FloatArray]) -> Plot:
+def _plot(motion: RecordedTrack, found: Mapping[str, FloatArray]) -> Plot:
     panels: list[list[list[go.Scatter]]] = [[], [], []]
     first = stretch(motion, SHOWN).start
     for seconds in (SHOWN, ENLARGED):

@@ -9,7 +9,7 @@ from harness.report.plots import GREY, grid, line
 from harness.reproduce.experiments.augmentation import (
     AXIS,
     FILTERS,
-    TrackedMotion,
+    RecordedTrack,
     category,
     errors,
     estimate,
@@ -67,7 +67,7 @@ def run(context: Context) -> ItemResult:
     )
 
 
-def _plot(motion: TrackedMotion, part: slice, found: dict[str, Any]) -> Plot:
+def _plot(motion: RecordedTrack, part: slice, found: dict[str, Any]) -> Plot:
     time, new = motion.time[part], motion.new[part]
     true = 1e3 * motion.position[part, AXIS]
     at = np.full(int(new.sum()), true.min())
