@@ -14,6 +14,7 @@ from fmu_src.errors import range_text
 from harness.common.errors import FaultError, ProblemsError, nearest
 from harness.common.files import is_path
 from harness.common.types import FloatArray
+from harness.common.validation_errors import explain
 from harness.parts.description import Description, Variable, describe
 from harness.parts.fmi import Instance
 from harness.parts.isolated import IsolatedInstance
@@ -86,10 +87,7 @@ class FmuPart:
         try:
             return _FmuKeys.model_validate(dict(settings))
         except ValidationError as error:
-            raise ProblemsError(
-                f"part '{self.name}'",
-                [f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}" for e in error.errors()],
-            ) from None
+            raise ProblemsError(f"part '{self.name}'", explain(error, _FmuKeys)) from None
 
     def _take(self, keys: _FmuKeys, seed: int) -> None:
         problems: list[str] = []

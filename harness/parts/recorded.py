@@ -19,6 +19,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from fmu_src.errors import SteadytipError
 from harness.common.errors import FaultError, ProblemsError, nearest
 from harness.common.types import FloatArray, PortType
+from harness.common.validation_errors import explain
 from harness.parts.ports import Port, unit_of
 from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
@@ -48,14 +49,7 @@ class RecordedPart(RowsPart):
         try:
             keys = _RecordedKeys.model_validate(dict(settings))
         except ValidationError as error:
-            raise ProblemsError(
-                f"part '{name}'",
-                [
-                    f"'{e['loc'][0]}': {e['msg'].lower()}; "
-                    f"{nearest(str(e['loc'][0]), _RecordedKeys.model_fields)}"
-                    for e in error.errors()
-                ],
-            ) from None
+            raise ProblemsError(f"part '{name}'", explain(error, _RecordedKeys)) from None
         self._path = Path(keys.recorded)
         schema, of = read_schema(self._path), keys.of or name
         fields = [field for field in schema if field.name.startswith(f"{of}.")]

@@ -17,7 +17,7 @@ from harness.common.files import is_path
 from harness.parts.kinds import kinds
 from harness.scenario.merge import merge_tables, nest_keys
 from harness.scenario.old_names import with_new_names
-from harness.scenario.problems import kind_problems, sentence
+from harness.scenario.problems import kind_problems, table_problems
 from harness.scenario.schema import PartSettings, PartTable, Scenario, ScenarioTable, Wire
 
 __all__ = ["available", "load", "with_values"]
@@ -102,7 +102,7 @@ def _checked(
     try:
         checked = ScenarioTable.model_validate(table)
     except ValidationError as error:
-        problems += [sentence(entry) for entry in error.errors()]
+        problems += table_problems(error)
     else:
         problems += [
             f"fault on '{fault.wire}': {fault.trouble}" for fault in checked.fault if fault.trouble

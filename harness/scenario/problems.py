@@ -5,9 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from pydantic import BaseModel
+from pydantic import BaseModel, ValidationError
 
 from harness.common.errors import nearest
+from harness.common.validation_errors import explain
 from harness.parts.kinds import kinds
 from harness.scenario.events import Change, Fault
 from harness.scenario.schema import Hil, Limit, ScenarioTable, SignalRoles, WireTable
@@ -37,8 +38,7 @@ def _hint(part: Mapping[str, Any], known: Iterable[str]) -> str:
     return f" ({'; '.join(close)})" if close else ""
 
 
-_MODELS: dict[str, type[BaseModel]] = {
-    "": ScenarioTable,
+_INNER: dict[str, type[BaseModel]] = {
     "wire": WireTable,
     "signals": SignalRoles,
     "hil": Hil,
@@ -50,17 +50,6 @@ _MODELS: dict[str, type[BaseModel]] = {
 }
 
 
-def sentence(entry: Any) -> str:
-    """One of pydantic's errors in our words."""
-    place = [item for item in entry["loc"] if item not in {"str", "list[str]"}]
-    key = ".".join(f"{item}" for item in place)
-    if entry["type"] == "extra_forbidden":
-        within = ["" if len(place) == 1 else ".".join(map(str, place[:n])) for n in (2, 1)]
-        model = next(_MODELS[key] for key in within if key in _MODELS)
-        known = [entry.alias or name for name, entry in model.model_fields.items()]
-        if model is ScenarioTable:
-            known.append("extends")
-        return f"unknown key '{key}'; {nearest(str(place[-1]), known)}"
-    if entry["type"] == "missing":
-        return f"'{key}' is missing"
-    return f"'{key}' = {entry['input']!r}: {entry['msg'][:1].lower()}{entry['msg'][1:]}"
+def table_problems(error: ValidationError) -> list[str]:
+    """Return what is wrong with a scenario's table, one sentence each."""
+    return explain(error, ScenarioTable, _INNER, also=("extends",))

@@ -48,6 +48,7 @@ from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, ValidationEr
 
 from harness.common.errors import nearest
 from harness.common.strict_model import Positive, StrictModel
+from harness.common.validation_errors import explain
 from harness.scenario.events import Fault
 
 if TYPE_CHECKING:
@@ -304,13 +305,15 @@ class Sweep(StrictModel):
             try:
                 found += [f"sweep.vary '{key}': {text}" for text in _variable(said).trouble(grid)]
             except ValidationError as error:
-                found += [f"sweep.vary '{key}': {_told(entry)}" for entry in error.errors()]
+                texts = explain(error, SweepVariable)
+                found += [f"sweep.vary '{key}': {text}" for text in texts]
         for each in self.fault:
             try:
                 wrong = {fault.trouble for fault in each.faults()} - {""}
                 found += [f"sweep.fault on '{each.wire}': {text}" for text in sorted(wrong)]
             except ValidationError as error:
-                found += [f"sweep.fault on '{each.wire}': {_told(e)}" for e in error.errors()]
+                texts = explain(error, FaultRange)
+                found += [f"sweep.fault on '{each.wire}': {text}" for text in texts]
         if not (self.vary or self.fault or self.motions or self.seeds or self.runs):
             found.append("sweep: nothing is varied; say so in [sweep.vary], or give 'seeds'")
         return found
@@ -340,8 +343,3 @@ def _variable(said: Any) -> SweepVariable:
     if isinstance(said, Mapping):
         return SweepVariable.model_validate(dict(said))
     return SweepVariable(values=said if isinstance(said, list) else [said])
-
-
-def _told(entry: Any) -> str:
-    place = ".".join(map(str, entry["loc"]))
-    return f"'{place}' = {entry['input']!r}: {entry['msg'][:1].lower()}{entry['msg'][1:]}"

@@ -8,6 +8,7 @@ from pydantic import ValidationError
 
 from harness.can.database import load
 from harness.common.errors import ProblemsError, nearest
+from harness.common.validation_errors import explain
 from harness.parts.can.board import BoardPart
 from harness.parts.can.feed import FeedPart
 from harness.parts.can.settings import Keys
@@ -30,17 +31,7 @@ class _Kind:
         try:
             keys = Keys.model_validate(dict(settings))
         except ValidationError as error:
-            known = Keys.model_fields
-            raise ProblemsError(
-                f"part '{name}'",
-                [
-                    f"a part on a bus has no setting '{e['loc'][0]}'; "
-                    f"{nearest(str(e['loc'][0]), known)}"
-                    if e["type"] == "extra_forbidden"
-                    else f"'{e['loc'][0]}' = {e['input']!r}: {e['msg'].lower()}"
-                    for e in error.errors()
-                ],
-            ) from None
+            raise ProblemsError(f"part '{name}'", explain(error, Keys)) from None
         database = load(keys.can)
         if keys.node not in database.nodes:
             raise ProblemsError(
