@@ -229,7 +229,7 @@ def _table(
     return {
         "title": flat.description or flat.name,
         "seconds": _seconds(flat, notes),
-        "step": step if step is not None else _step(list(descriptions.values()), notes),
+        "step_size": step if step is not None else _step(list(descriptions.values()), notes),
         "part": parts,
         "wire": [
             {"from": f"{c.source_part}.{c.source}", "to": f"{c.target_part}.{c.target}"}

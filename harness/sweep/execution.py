@@ -276,7 +276,7 @@ def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
         name, _, setting = rest.partition(".")
         where = f"sweep.vary '{key}'"
         if head != "part":
-            known = [*LENGTHS, "step", "part"]
+            known = [*LENGTHS, "step_size", "part"]
             if key == "seed":
                 yield f"{where}: seeds of the scenario are 'seeds' in [sweep]"
             elif key not in known[:-1]:
@@ -379,7 +379,7 @@ def _metadata(plan: SweepPlan, system: System) -> dict[str, Any]:
 
 
 def _unit(axis: str, system: System) -> str:
-    if axis in LENGTHS or axis == "step":
+    if axis in LENGTHS or axis == "step_size":
         return "s"
     name, _, setting = axis.removeprefix("part.").partition(".")
     part = system.parts.get(name)

@@ -171,7 +171,7 @@ def test_the_loop_runs_at_the_longest_step_and_says_what_does_not_fit(
     loaded = load(path, tmp_path / "loaded")
     assert load_scenario(loaded.scenario).step_size == 4e-3
     assert loaded.notes == ("steps of 0.003 s do not fit into the loop's 0.004 s",)
-    assert load_scenario(load(path, tmp_path / "again", 1e-3).scenario).step == 1e-3
+    assert load_scenario(load(path, tmp_path / "again", 1e-3).scenario).step_size == 1e-3
 
 
 def test_the_end_of_a_connection_does_not_tell_its_direction(load_ssd: Load):
