@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections import Counter
 from collections.abc import Callable, Container
 from dataclasses import dataclass
@@ -44,7 +45,7 @@ class Validation:
 
 
 def validate(
-    path: Path,
+    path: str | os.PathLike[str],
     *,
     timeout: float = 60.0,
     only: Container[str] | None = None,
@@ -61,6 +62,7 @@ def validate(
     Raises:
         SteadytipError: there is no such file.
     """
+    path = Path(path)
     if not path.is_file():
         raise SteadytipError(f"FMU {path} does not exist")
     fmu = Fmu(path)
