@@ -242,7 +242,7 @@ def test_a_demand_beyond_the_stroke_is_limited_and_told_and_leaves_no_trace():
     np.testing.assert_allclose(correction, -run["tremor"][4500:], atol=1e-9)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-6, 1.0))
 def test_voltages_stay_within_the_amplifier(seed, scale):
     generator = np.random.default_rng(seed)

@@ -32,7 +32,7 @@ def test_design_geometry_has_the_determinant_of_the_errata() -> None:
     assert np.linalg.det(P_D) == pytest.approx(2 * design.D1 * design.D2 * design.D3)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(vectors, vectors)
 def test_without_prior_the_gain_is_the_inverse_of_the_levers(force, alpha) -> None:
     gain = evaluate(kinematics.rate_gain(GEOMETRY, *NO_PRIOR))
@@ -40,7 +40,7 @@ def test_without_prior_the_gain_is_the_inverse_of_the_levers(force, alpha) -> No
     np.testing.assert_allclose(gain @ A_D, alpha, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(vectors, vectors, vectors)
 def test_nonlinear_solution_is_exact_with_centripetal_terms(force, alpha, w) -> None:
     """At 3 rad/s the linear solution errs by the centripetal terms, the nonlinear one does not."""
@@ -52,7 +52,7 @@ def test_nonlinear_solution_is_exact_with_centripetal_terms(force, alpha, w) -> 
     np.testing.assert_allclose(found, alpha, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(vectors, vectors, vectors)
 def test_tip_force_is_that_of_the_rigid_body(force, alpha, w) -> None:
     f = channels(force, alpha, w)

@@ -2,7 +2,7 @@
 
 import casadi as ca
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.optimize import least_squares
 from scipy.spatial.transform import Rotation
@@ -70,7 +70,6 @@ def test_innovation_has_the_identity_as_jacobian() -> None:
         np.testing.assert_allclose(np.array(INNOVATION(q, z)).ravel() / h, np.eye(3)[i], atol=1e-6)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6))
 def test_vertical_and_north_are_what_triad_measures(seed) -> None:
     """A04's measurement reachable: same residual, and the covariance (4.34) of any attitude.
@@ -99,7 +98,6 @@ def test_vertical_and_north_are_what_triad_measures(seed) -> None:
     np.testing.assert_allclose(ours, np.array(theirs), atol=1e-3 * np.trace(ours))
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6), st.floats(0, np.pi))
 def test_tilt_innovation_turns_to_the_measured_vertical_from_any_angle(seed, angle) -> None:
     """Also upside down: after the turn that it asks for, the vertical is where it was measured."""

@@ -83,7 +83,7 @@ def sensed(force: np.ndarray, c: dict) -> np.ndarray:
     return s
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(st.integers(0, 2**32 - 1), arrays(float, 3, elements=st.floats(-12, 12)))
 def test_the_compensation_inverts_the_model(seed, force):
     """Coefficients as large as those of raw sensors; the same body force at every site."""
@@ -110,7 +110,7 @@ def test_the_compensation_inverts_the_model(seed, force):
     np.testing.assert_allclose(found, force[AXES], atol=1e-9)
 
 
-@settings(deadline=None, max_examples=150)
+@settings(max_examples=150)
 @given(
     st.lists(st.sampled_from([0.0, 0.5, 1.0]) | st.floats(0, 1), min_size=len(NAMES),
              max_size=len(NAMES)),
@@ -125,7 +125,7 @@ def test_every_input_and_every_parameter_in_range_gives_numbers(shares, volts, t
     assert np.isfinite(field).all()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(arrays(float, 9, elements=st.floats(0, 5)), st.floats(-40, 125))
 def test_at_the_starts_it_is_the_data_sheet_to_the_bit(volts, temperature):
     force, field, sound = _compensate(_Both.starts(), volts, temperature)

@@ -77,7 +77,7 @@ def degrees(out, truth):
     return np.degrees(np.linalg.norm(error(out, truth), axis=1))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_residual_is_the_error_of_a_late_distorted_attitude(seed):
     """RK III.B by SciPy: coil in tracker's frame through registration, body and hand-eye."""
@@ -93,7 +93,7 @@ def test_residual_is_the_error_of_a_late_distorted_attitude(seed):
     np.testing.assert_allclose(found, noise, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_slope_of_the_residual_is_that_of_the_prediction(seed):
     """Errors of all states at once, small: both differ by their square."""
@@ -111,7 +111,7 @@ def test_slope_of_the_residual_is_that_of_the_prediction(seed):
 SLOPES = slopes(SPACE, tracker_residual, coils)
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.integers(0, 10**6))
 def test_filter_starts_from_any_attitude(seed):
     rates, truth = still(400, Rotation.random(random_state=seed))

@@ -170,7 +170,7 @@ class Model:
 # A start from anywhere ----------------------------------------------------------------------------
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(st.integers(0, 10**6))
 def test_starts_from_any_attitude(seed) -> None:
     starts(Rotation.random(random_state=seed), seed)
@@ -191,7 +191,7 @@ def starts(base: Rotation, seed: int) -> None:
     assert run.out["attitude_sigma"][1000:].max() < np.radians(0.2)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 10**6), st.floats(20, 180))
 @example(1, 180.0)
 def test_a_bad_first_sample_is_forgotten(seed, angle) -> None:
@@ -597,7 +597,7 @@ def hand():
     return run, run.volts()
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 10**6), st.integers(0, 3000), st.integers(1, 3000), st.integers(0, 4))
 @example(10629, 0, 2, 2)
 def test_whatever_came_before_good_samples_bring_it_back(hand, seed, begin, count, kind) -> None:

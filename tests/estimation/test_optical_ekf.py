@@ -62,7 +62,7 @@ def test_prediction_is_c23_equation_11_with_the_body_rate_on_the_right():
     np.testing.assert_allclose(after, [*expected, *rate, *BIAS, 0.004], atol=1e-12)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_residual_of_a_late_attitude_is_its_error(seed):
     f = residual_function(SPACE, optical_residual, then, 5)
@@ -75,7 +75,7 @@ def test_residual_of_a_late_attitude_is_its_error(seed):
     np.testing.assert_allclose(found, noise, atol=1e-9)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 10**6))
 def test_slope_of_the_residual_is_that_of_the_prediction(seed):
     """Errors of attitude, rate and lag at once, small: both differ by their square."""
@@ -91,7 +91,7 @@ def test_slope_of_the_residual_is_that_of_the_prediction(seed):
 SLOPES = slopes(SPACE, optical_residual, then, 5)
 
 
-@settings(deadline=None, max_examples=12)
+@settings(max_examples=12)
 @given(st.integers(0, 10**6))
 def test_filter_starts_from_any_attitude(seed):
     rates, truth = still(200, Rotation.random(random_state=seed))

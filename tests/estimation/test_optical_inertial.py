@@ -116,7 +116,7 @@ def test_a_sensing_chain_that_is_not_known_is_learnt(kind) -> None:
     ),
     angle=st.sampled_from([0.3, np.pi / 2, 3.0, np.pi]),
 )
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=8)
 def test_start_from_any_attitude(axis, angle) -> None:
     """Upside down and half turns among them: good from the first pose on."""
     start = Rotation.from_rotvec(angle * np.array(axis) / np.linalg.norm(axis))

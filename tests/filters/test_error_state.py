@@ -130,7 +130,7 @@ def test_what_a_gate_does_not_believe_lies_at_the_gate(method) -> None:
 
 
 @given(vectors, vectors, vectors)
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_an_error_moves_a_state_to_where_it_was_measured(start, error, rate) -> None:
     q = np.roll(Rotation.from_rotvec(start).as_quat(), 1)
     x, e = np.concatenate([q, rate]), np.concatenate([error, -rate])
@@ -144,7 +144,7 @@ def test_an_error_moves_a_state_to_where_it_was_measured(start, error, rate) -> 
 
 @pytest.mark.parametrize("method", [Extended(TURN), Unscented(TURN)], ids=["extended", "unscented"])
 @given(vectors, vectors)
-@settings(max_examples=10, deadline=None)
+@settings(max_examples=10)
 def test_small_errors_of_an_attitude_spread_as_samples_do(method, start, rate) -> None:
     """Ten thousand samples, moved by SciPy: mean and covariance within their own scatter."""
     q = np.roll(Rotation.from_rotvec(start).as_quat(), 1)
@@ -252,7 +252,7 @@ def test_points_that_are_not_taken_change_nothing(kappa, seed) -> None:
 
 
 @given(st.integers(1, 6), st.integers(0, 5))
-@settings(max_examples=25, deadline=None)
+@settings(max_examples=25)
 def test_a_root_squares_to_its_matrix_singular_or_not(size, seed) -> None:
     A = np.random.default_rng(seed).normal(size=(size, max(size - 2, 1)))
     P = A @ A.T

@@ -2,7 +2,7 @@
 
 import casadi as ca
 import numpy as np
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
@@ -20,7 +20,6 @@ def triad_function() -> ca.Function:
 FUNCTION = triad_function()
 
 
-@settings(deadline=None)
 @given(st.integers(0, 10**6))
 def test_attitude_is_recovered_from_exact_vectors(seed) -> None:
     truth = Rotation.random(random_state=seed)

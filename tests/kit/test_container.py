@@ -96,7 +96,7 @@ def wirings(draw):
     return members, links
 
 
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 @given(wirings())
 def test_ticks_are_those_of_the_members_one_by_one(wiring) -> None:
     members, links = wiring

@@ -98,7 +98,7 @@ def _constraints(unknowns: np.ndarray, strokes: np.ndarray) -> np.ndarray:
     return np.array(residuals) / radius
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(strokes_in_range)
 def test_forward_solves_the_constraint_equations(strokes):
     leg = Geometry.fields["leg_length"].start[0]
@@ -111,7 +111,7 @@ def test_forward_solves_the_constraint_equations(strokes):
     np.testing.assert_allclose(_column(FORWARD(strokes)), tip, atol=NANOMETRE)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(strokes_in_range)
 def test_jacobians_agree_with_differences_and_with_each_other(strokes):
     tip = _column(FORWARD(strokes))
@@ -141,7 +141,7 @@ def test_model_limits_and_flags_what_cannot_be_reached():
     assert run["reachable"][0] == 0
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(st.tuples(*[st.floats(-0.1, 0.1)] * 3))
 def test_any_demand_gives_strokes_within_their_range(displacement):
     strokes = Runner(parallel_3dof.MODEL).run(1, {"displacement": np.array(displacement)})
@@ -191,7 +191,7 @@ anywhere = st.sampled_from([0.0, STROKE, 2 * STROKE, -STROKE]) | st.floats(
 )
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.integers(0, len(SHAPES) - 1), st.tuples(*[anywhere] * 3).map(np.array))
 def test_limited_strokes_are_the_minimum_of_the_metric(shape, strokes):
     within = _column(LIMITED[shape](strokes)[0])
@@ -199,7 +199,7 @@ def test_limited_strokes_are_the_minimum_of_the_metric(shape, strokes):
     np.testing.assert_allclose(within, expected, atol=1e-8 * STROKE)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(st.integers(0, len(SHAPES) - 1), strokes_in_range)
 def test_strokes_in_range_are_returned_to_the_last_bit(shape, strokes):
     within, reachable = LIMITED[shape](strokes)

@@ -96,7 +96,7 @@ def test_newton_has_converged_over_the_range_of_the_input(monkeypatch):
     assert np.abs(few - places()).max() < 1e-15
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(
     st.tuples(*[st.floats(s.field.min, s.field.max) for s in Geometry.scalars()]),
     st.tuples(*[st.floats(-20e-6, 1e-4)] * 3),

@@ -275,7 +275,7 @@ def test_icon_is_a_png_that_decodes_to_its_size() -> None:
     assert spread[0] > 3 * spread[1] > 0
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     files=st.dictionaries(
         st.from_regex(r"[a-z]{1,6}(/[a-z]{1,6}){0,2}\.[a-z]", fullmatch=True),

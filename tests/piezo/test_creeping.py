@@ -75,7 +75,7 @@ def test_moves_within_the_threshold_do_not_creep():
     np.testing.assert_allclose(respond(volts, values), NOMINAL * volts, atol=1e-18)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(arrays(float, 50, elements=st.floats(0, 100)), st.integers(0, 20), st.integers(1, 4))
 def test_inverse_of_forward_is_the_voltage(volts, seed, hold):
     volts = np.repeat(volts, hold)
@@ -83,7 +83,7 @@ def test_inverse_of_forward_is_the_voltage(volts, seed, hold):
     np.testing.assert_allclose(invert(respond(volts, values), values)["volts"], volts, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(arrays(float, 50, elements=st.floats(0, 14e-6)), st.integers(0, 20))
 def test_forward_of_inverse_is_the_stroke(stroke, seed):
     values = parameters(seed)

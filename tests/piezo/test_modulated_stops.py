@@ -94,7 +94,7 @@ def test_stops_of_equal_ends_are_a_prandtl_ishlinskii_operator():
 _walks = arrays(float, 60, elements=st.floats(0, 100))
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(_walks, st.integers(0, 20), st.integers(1, 4))
 def test_inverse_of_forward_is_the_voltage(volts, seed, hold):
     """Any reversals, any rate: a voltage comes back from the stroke that it gives."""
@@ -105,7 +105,7 @@ def test_inverse_of_forward_is_the_voltage(volts, seed, hold):
     assert not found["limited"].any()
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(arrays(float, 60, elements=st.floats(3e-6, 12e-6)), st.integers(0, 20))
 def test_forward_of_inverse_is_the_stroke(stroke, seed):
     """Within a nanometre wherever the voltage was not limited, and from there on too."""
@@ -116,7 +116,7 @@ def test_forward_of_inverse_is_the_stroke(stroke, seed):
     assert np.all((found["volts"] >= 0) & (found["volts"] <= 100))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(arrays(float, 40, elements=st.floats(-1e-3, 1e-3)), st.integers(0, 20))
 def test_any_demand_keeps_the_voltage_in_range_and_tells(stroke, seed):
     found = invert(stroke, parameters(seed), **AHEAD)
@@ -149,7 +149,7 @@ def test_operators_without_an_inverse_are_told(spoil, why):
     assert np.all((volts >= 0) & (volts <= 100))
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(st.integers(0, 20), arrays(float, 30, elements=st.floats(0, 100)))
 def test_smallest_slope_is_a_lower_bound(seed, volts):
     """Finite differences over the voltage of one sample, from any memory."""
@@ -211,7 +211,6 @@ def test_gain_stays_without_leave_to_learn():
     assert np.all(off["gain"] == 1.0)
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-8, 1e-5))
 def test_the_short_way_finds_what_the_search_finds(seed, pace):
     """A random walk of the demand: where no break point lies between, both give one voltage."""

@@ -56,13 +56,13 @@ def _witness(volts: np.ndarray) -> np.ndarray:
     return np.array(strokes)
 
 
-@settings(deadline=None, max_examples=100)
+@settings(max_examples=100)
 @given(voltages)
 def test_operator_is_the_equations(volts):
     np.testing.assert_allclose(_forward(volts, {}), _witness(volts), atol=1e-18)
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(strokes, rising_curves)
 def test_forward_of_inverse_is_what_was_wanted(stroke, curves):
     parameters = _parameters(curves)
@@ -71,7 +71,7 @@ def test_forward_of_inverse_is_what_was_wanted(stroke, curves):
     assert np.abs(_forward(wanted["volts"], parameters) - stroke).max() < NANOMETRE
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(voltages, rising_curves)
 def test_inverse_of_forward_is_what_was_sent(volts, curves):
     parameters = _parameters(curves)
@@ -80,7 +80,7 @@ def test_inverse_of_forward_is_what_was_sent(volts, curves):
     np.testing.assert_allclose(sent, volts, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(voltages)
 def test_loops_close_whatever_came_between(volts):
     """A minor loop leaves nothing behind (A04 7.2.1): the stroke returns with the voltage."""

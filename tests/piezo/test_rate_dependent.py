@@ -74,7 +74,7 @@ _rates = arrays(float, 40, elements=st.floats(-2e-3, 2e-3))
 _seeds = st.integers(0, 30)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(_volts, _rates, _seeds)
 def test_stroke_is_that_of_the_equations(volts, rates, seed):
     values = parameters(seed)
@@ -93,7 +93,7 @@ def test_without_dependence_it_is_the_modified_operator():
     np.testing.assert_allclose(forward(volts, rates, still)["stroke"], plain, rtol=1e-12)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(_strokes, _rates, _seeds, st.booleans())
 def test_forward_of_inverse_is_the_stroke_however_the_rate_changes(stroke, rates, seed, falling):
     """Above the singular rate too: both then have the last slopes with an inverse."""
@@ -105,7 +105,7 @@ def test_forward_of_inverse_is_the_stroke_however_the_rate_changes(stroke, rates
     np.testing.assert_array_equal(reached["singular"], sent["singular"])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(_volts, _rates, _seeds)
 def test_inverse_of_forward_is_the_voltage(volts, rates, seed):
     values = parameters(seed)
@@ -114,7 +114,7 @@ def test_inverse_of_forward_is_the_voltage(volts, rates, seed):
     np.testing.assert_allclose(sent, volts, atol=1e-6)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(_seeds)
 def test_singular_rate_is_where_the_first_slope_gets_too_small(seed):
     """Against a search over rates, and FASTEST where there is none."""

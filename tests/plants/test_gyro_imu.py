@@ -24,7 +24,7 @@ def run(samples, parameters, **inputs):
     return Runner(MODEL, parameters).run(samples, inputs)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(VECTOR, VECTOR, VECTOR, st.integers(0, 10**6))
 def test_ideal_unit_feels_its_own_place(rate, turning, push, seed):
     """Specific force from the second difference of where the lever's end goes."""

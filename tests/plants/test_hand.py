@@ -62,7 +62,7 @@ def five_point(values, step):
     return (values[0] - 8 * values[1] + 8 * values[3] - values[4]) / (12 * step)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     arrays(float, (3, 3), elements=st.floats(-5e-3, 5e-3)),
     st.floats(0, 1),
@@ -167,7 +167,7 @@ def test_tremor_derivatives_are_those_of_the_product():
     np.testing.assert_allclose(out["body_acceleration"][2:-2], second, atol=2e-4 * 0.05)
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(arrays(float, (4, 1), elements=st.floats(-6, 6)))
 def test_carrier_stays_in_its_band(wander):
     p = Params.unpack(Params.starts())

@@ -47,7 +47,7 @@ def at_rest(samples, parameters):
     return volts[:, :6] / design.ACCELEROMETER_SCALE, volts[:, 6:] / design.MAGNETOMETER_SCALE
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     arrays(float, (3, 3), elements=st.floats(-15, 15)),
     arrays(float, 3, elements=st.floats(-1e-4, 1e-4)),
@@ -215,7 +215,7 @@ def volts_at(parameters, force, **more):
     return np.append(volts[:6] / design.ACCELEROMETER_SCALE, volts[6:] / design.MAGNETOMETER_SCALE)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     arrays(float, 3, elements=st.floats(-15, 15)),
     arrays(float, (6, 2), elements=st.floats(-0.4, 0.4)),
@@ -268,7 +268,7 @@ def test_what_friction_holds_back_makes_a_loop():
     assert np.ptp(off) < 0.1 * h
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(
     arrays(float, 3, elements=st.floats(-6e-5, 6e-5)),
     arrays(float, (3, 3), elements=st.floats(-0.1, 0.1)),

@@ -46,7 +46,7 @@ def scipy_tip(stroke):
     return LEG * pose[:3] + Rotation.from_rotvec(pose[3:]).apply([0, 0, shaft])
 
 
-@settings(deadline=None, max_examples=60)
+@settings(max_examples=60)
 @given(arrays(float, 3, elements=st.floats(0, 15e-6)))
 def test_deflection_is_that_of_the_platform_pose_found_by_scipy(stroke):
     expected = scipy_tip(stroke) - scipy_tip(np.zeros(3))
@@ -89,7 +89,7 @@ def test_zero_stroke_leaves_the_tip_where_it_is():
     np.testing.assert_array_equal(out["tip"], out["free_tip"])
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(vectors(1.0), vectors(3.0), vectors(30.0), vectors(20.0), vectors(500.0))
 def test_specific_force_is_the_second_derivative_of_each_site_less_gravity(
     start, turn, rate, acceleration, angular
@@ -118,7 +118,7 @@ def test_specific_force_is_the_second_derivative_of_each_site_less_gravity(
     np.testing.assert_allclose(felt, expected, atol=1e-4)
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(vectors(3.0), vectors(0.1), arrays(float, 3, elements=st.floats(0, 15e-6)))
 def test_field_and_tip_turn_with_the_body(turn, body, stroke):
     R = Rotation.from_rotvec(turn)

@@ -39,7 +39,7 @@ def markers_of(out):
     return np.stack([out[f"optical_marker{i + 1}"] for i in range(4)], axis=1)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(5.0, 1000.0), st.floats(0.0, 0.1))
 def test_pose_arrives_at_its_rate_with_its_age(rate, latency):
     latency = min(latency, 6 / rate)  # more than eight packets under way are lost

@@ -146,7 +146,7 @@ def test_stroke_follows_the_differential_equations():
     np.testing.assert_allclose(run(volts), scipy_stroke(p, volts), atol=30e-9)
 
 
-@settings(deadline=None, max_examples=30)
+@settings(max_examples=30)
 @given(arrays(float, 40, elements=st.floats(-20, 120)))
 def test_any_drive_in_range_keeps_the_stroke_bounded(volts):
     stroke = run(np.repeat(volts, 10))
@@ -154,7 +154,7 @@ def test_any_drive_in_range_keeps_the_stroke_bounded(volts):
     assert np.all(np.abs(stroke) < 60e-6)
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.floats(5, 50), st.floats(5, 40))
 def test_closed_minor_loop_returns_to_its_major_branch(bottom, size):
     """Wiping out: without creep and lag a small excursion leaves no trace."""

@@ -19,7 +19,7 @@ def slope(values):
     return (values[2:] - values[:-2]) / (2 * T)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(ANGLES, ANGLES, ANGLES, st.booleans())
 def test_rates_and_accelerations_are_derivatives_of_the_pose(rest, start, end, one_by_one):
     arm = np.array([0.1, -0.2, 0.15])

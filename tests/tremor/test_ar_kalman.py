@@ -80,7 +80,7 @@ def test_is_the_equations():
     np.testing.assert_allclose(covariance[1], P, atol=1e-8)
 
 
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1), size=st.floats(-9.0, 0.0))
 def test_covariance_and_coefficients_stay_within_limits_whatever_comes_in(seed, size):
     """P between (1 - l^2) I and I; a sample moves the coefficients no farther than it may.

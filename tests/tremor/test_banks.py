@@ -93,7 +93,7 @@ def test_rest_and_steady_drift_are_no_tremor(reached):
     assert found[:, 1].max() < 2e-6  # at 1 mm/s
 
 
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=5)
 @given(place=st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 @pytest.mark.parametrize("model", [one.model for one in FILTERS], ids=lambda model: model.name)
 def test_where_the_motion_begins_does_not_matter(model, place):
@@ -151,7 +151,7 @@ def test_a_minute_brings_no_growth(reached):
     np.testing.assert_allclose(back[-500:], run[1500:2000], atol=0.1 * SIZE)
 
 
-@settings(deadline=None, max_examples=5)
+@settings(max_examples=5)
 @given(seed=st.integers(0, 2**32 - 1))
 @pytest.mark.parametrize("model", [one.model for one in FILTERS], ids=lambda model: model.name)
 def test_nothing_in_range_makes_it_diverge(model, seed):

@@ -29,7 +29,7 @@ def test_without_training_the_motion_passes_and_the_error_is_nothing():
     np.testing.assert_allclose(out["error"], 0.0, atol=1e-18)
 
 
-@settings(max_examples=4, deadline=None)
+@settings(max_examples=4)
 @given(st.integers(0, 2**32 - 1), st.integers(1, SPACINGS))
 def test_is_the_equations(seed, spacing):
     """Any weights and kinds, one sample of one axis at a time, in plain NumPy."""

@@ -37,7 +37,7 @@ def test_is_the_band_pass_of_scipy():
     np.testing.assert_allclose(run(position), expected, atol=1e-12)
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(horizon=st.floats(0.0, 0.034), wash_out=st.floats(0.0, 5.0), gain=st.floats(0.1, 1.0))
 def test_a_tone_of_the_centre_is_exact_whatever_lies_around_the_filter(horizon, wash_out, gain):
     found = response([CENTRE], horizon=horizon, wash_out=wash_out, gain=gain)

@@ -40,7 +40,7 @@ def test_flc_is_the_equations():
     np.testing.assert_allclose(run["tremor"][:, 1], tones, atol=1e-15)
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.floats(8.0, 12.0), st.floats(20e-6, 2e-3), st.floats(0.0, 6.28))
 def test_frequency_is_found_whatever_the_amplitude(frequency, amplitude, phase):
     position = _tone(6.0, frequency, amplitude, phase)
@@ -68,7 +68,7 @@ def test_frequency_rests_without_a_tone():
     assert np.abs(run["frequency"] - 10.0).max() < 0.1
 
 
-@settings(deadline=None, max_examples=25)
+@settings(max_examples=25)
 @given(st.integers(0, 2**32 - 1), st.floats(1e-9, 1.0))
 def test_frequency_stays_within_its_limits(seed, scale):
     position = scale * np.random.default_rng(seed).uniform(-1, 1, (500, 3))

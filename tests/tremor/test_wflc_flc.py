@@ -38,7 +38,7 @@ def _tremor_and_intent(seconds: float) -> tuple[np.ndarray, np.ndarray]:
     return tremor, 150e-6 * _slow(generator, samples, 0.5)
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(st.floats(8.0, 12.0), st.floats(0.0, 0.02), st.floats(1.0, 6.0))
 def test_a_tone_comes_out_as_it_will_be_a_horizon_later(frequency, horizon, corner):
     seconds = 8.0
@@ -94,7 +94,7 @@ def test_slow_intent_hardly_passes():
     assert found[SETTLED].std() < 0.04 * intent.std()
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.tuples(*[st.floats(-0.5, 0.5)] * 3))
 def test_where_the_motion_begins_does_not_matter(place):
     tone = tones(1.0, 10.0)
@@ -135,7 +135,7 @@ def test_changes_of_the_tremor_are_followed_within_half_a_second(change):
     assert error[-500:].std() < 0.1 * np.abs(position).max()
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.integers(0, 2**32 - 1))
 def test_nothing_in_range_makes_it_diverge(seed):
     generator = np.random.default_rng(seed)

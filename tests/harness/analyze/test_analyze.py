@@ -153,7 +153,7 @@ def test_a_multisine_is_read_back_and_a_slow_transient_is_not_seen():
     assert np.abs(found[:, 0] - lines)[FREQUENCIES >= 2.0].max() < 1e-3
 
 
-@settings(deadline=None, max_examples=4)
+@settings(max_examples=4)
 @given(
     gain=st.floats(0.75, 1.2),
     delay=st.floats(0.0, 3e-3),

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from typer.testing import CliRunner
 
@@ -150,7 +150,6 @@ def test_a_ratio_without_one_of_its_sides_is_none():
     assert [line.row for line in results.lines()] == ["a"]
 
 
-@settings(deadline=None)
 @given(st.floats(0.0, 10.0))
 def test_the_stopwatch_counts_what_it_is_told(seconds):
     begun = time.perf_counter()

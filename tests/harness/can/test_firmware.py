@@ -730,7 +730,7 @@ class Model:
 
 
 @pytest.mark.parametrize("dbc", DBCS)
-@settings(deadline=None, max_examples=100, derandomize=True)
+@settings(max_examples=100)
 @given(script=ticks)
 def test_commands_are_judged_by_the_table_of_faults(dbc, script) -> None:
     """Expected: what is applied is in range, moves only as it may, and is what the table says."""

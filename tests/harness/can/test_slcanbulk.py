@@ -128,7 +128,7 @@ def test_lines_by_the_manual(flexible, line) -> None:
 
 
 @given(sent=st.lists(frames(esi=False), min_size=1, max_size=6), places=PLACES)
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_lines_survive_any_way_of_being_read(flexible, sent, places) -> None:
     clean(flexible)
     data = b"".join(flexible._line(message) for message in sent)
@@ -215,20 +215,20 @@ def check_against_the_grammar(bus: Fed, data: bytes, places: list[int]) -> None:
 @example(data=b"t1112A B\rt1111 A\rt1111A\n", places=[])
 @example(data=b"t8001AA\rT20000000100\rt1109AABBCCDDEEFF001122", places=[])
 @example(data=b"d1230\rF00\rr1101AA\rt111", places=[])
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_damaged_classic_input(classic, data, places) -> None:
     """A frame for each line that is one by the grammar, and none else; never an exception."""
     check_against_the_grammar(classic, data, places)
 
 
 @given(data=damaged(fd=True), places=PLACES)
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_damaged_flexible_input(flexible, data, places) -> None:
     check_against_the_grammar(flexible, data, places)
 
 
 @given(data=st.binary(max_size=300), places=PLACES)
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_any_bytes(flexible, data, places) -> None:
     check_against_the_grammar(flexible, data, places)
 
@@ -239,7 +239,7 @@ def test_any_bytes(flexible, data, places) -> None:
     at=st.integers(1, 40),
     end=st.sampled_from(["head", "tail", "line end"]),
 )
-@settings(max_examples=200, deadline=None, derandomize=True)
+@settings(max_examples=200)
 def test_a_cut_line_is_lost_and_never_another_frame(classic, sent, which, at, end) -> None:
     """Head or tail of a line missing, or its line end: the other frames arrive, and only they."""
     clean(classic)
@@ -479,7 +479,7 @@ def test_against_the_slcan_of_python_can(other) -> None:
     device, theirs = other
 
     @given(message=frames(esi=False), to_device=st.booleans())
-    @settings(max_examples=60, deadline=None, derandomize=True)
+    @settings(max_examples=60)
     def check(message, to_device) -> None:
         here, there = (theirs, device) if to_device else (device, theirs)
         here.send(message)

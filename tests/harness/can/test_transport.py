@@ -68,7 +68,7 @@ def drain(bus: can.BusABC, timeout: float = 0.0) -> list[can.Message]:
 
 
 @given(sent=st.lists(frames(esi=False), min_size=1, max_size=8), to_board=st.booleans())
-@settings(max_examples=80, deadline=None, derandomize=True)
+@settings(max_examples=80)
 def test_every_frame_arrives_as_it_was_sent_and_in_order(both, sent, to_board) -> None:
     here, there = both if to_board else both[::-1]
     for message in sent:

@@ -105,7 +105,7 @@ def test_reconnecting_gives_up_what_waits_for_a_node_that_does_not_read(join) ->
 
 
 @given(message=frames())
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_the_layout_is_that_of_socketcan(tap, message) -> None:
     """Witness: python-can's own packing, which fills a field more (the raw dlc) and FDF."""
     node, plain, address = tap
@@ -125,7 +125,7 @@ def test_the_layout_is_that_of_socketcan(tap, message) -> None:
 
 
 @given(rubbish=st.binary(max_size=120))
-@settings(max_examples=150, deadline=None, derandomize=True)
+@settings(max_examples=150)
 def test_rubbish_is_counted_and_never_a_frame_that_no_bus_carries(tap, rubbish) -> None:
     node, plain, address = tap
     plain.sendto(rubbish, address)
@@ -149,7 +149,7 @@ def socket_frame(message: can.Message) -> bytes:
     flags=st.integers(0, 255),
     size=st.sampled_from([8, 64]),
 )
-@settings(max_examples=300, deadline=None, derandomize=True)
+@settings(max_examples=300)
 def test_any_header_makes_a_frame_that_can_be_or_none(tap, can_id, length, flags, size) -> None:
     node, plain, address = tap
     before = node.malformed

@@ -183,9 +183,7 @@ def test_a_damaged_member_leaves_an_empty_folder_empty(tmp_path):
     assert everything_below(tmp_path / "out") == set()
 
 
-@settings(
-    deadline=None, max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=300, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(data=st.data())
 def test_whatever_the_bytes_are_it_is_an_archive_or_refused(data, tmp_path_factory):
     """Bytes of a good archive are replaced at random."""
@@ -246,7 +244,7 @@ def test_depth_and_size_have_an_end(monkeypatch):
         parse_xml(b"<a>1234567</a>", "long.xml")
 
 
-@settings(deadline=None, max_examples=300)
+@settings(max_examples=300)
 @given(st.binary(max_size=200))
 def test_whatever_the_bytes_are_it_is_xml_or_refused(content):
     for text in (content, b"<a>" + content + b"</a>"):

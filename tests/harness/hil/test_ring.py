@@ -35,7 +35,7 @@ def test_columns_come_back(path) -> None:
     assert (ring.step, ring.capacity, ring.written, ring.closed) == (2e-3, 5, 0, False)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=60)
 @given(
     capacity=st.integers(2, 9),
     written=st.integers(0, 40),
@@ -149,7 +149,7 @@ def test_another_version_is_told(path) -> None:
         Ring.open(path)
 
 
-@settings(max_examples=150, deadline=None)
+@settings(max_examples=150)
 @given(data=st.data())
 def test_a_damaged_file_is_a_clear_error(tmp_path_factory, data) -> None:
     path = tmp_path_factory.getbasetemp() / "damaged.ring"

@@ -61,9 +61,7 @@ def test_a_wire_without_delay_arrives_in_the_same_tick(write_scenario: WriteScen
 
 
 @each_tick
-@settings(
-    deadline=None, max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=8, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(delays=st.lists(st.integers(1, 7), min_size=1, max_size=3, unique=True))
 def test_a_delayed_wire_gives_the_value_of_that_many_ticks_ago(delays, write_scenario, tmp_path):
     parts = "[part.source]\nfmu = PROBE\n"

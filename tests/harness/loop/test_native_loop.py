@@ -58,7 +58,7 @@ def wired(wires: list[tuple[int, str, int]], parts: int, probe: Path) -> str:
     return text
 
 
-@settings(deadline=None, max_examples=15)
+@settings(max_examples=15)
 @given(data=st.data(), parts=st.integers(1, 4), most=st.integers(1, 60))
 def test_any_ring_of_parts_gives_the_same_bits(probe, data, parts, most):
     ends = st.tuples(st.integers(0, parts - 1), st.sampled_from([*PORTS]))

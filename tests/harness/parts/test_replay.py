@@ -83,7 +83,7 @@ def test_parquet_is_read_with_units_from_names_or_metadata(tmp_path):
     assert np.allclose(read_recording(path).position, t[:, None] * [1e-3, 2e-3, 3e-3])
 
 
-@settings(deadline=None, max_examples=20)
+@settings(max_examples=20)
 @given(st.lists(st.floats(-1.0, 1.0), min_size=18, max_size=18), st.integers(0, 2**31))
 def test_the_spline_is_exact_for_polynomials_at_uneven_times(coefficients, seed):
     """A quintic is its own interpolating spline: values and derivatives come out to rounding."""

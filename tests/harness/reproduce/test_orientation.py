@@ -37,7 +37,7 @@ def trial(true, rate=None, force=None, field=None, **changes):
     return BroadTrial(**{**values, **changes})
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1), ANGLES, ANGLES, st.floats(0.0, 6.0))
 def test_an_error_is_told_apart_into_heading_and_inclination(seed, heading, inclination, where):
     """The estimate is tilted about a horizontal axis of W and turned about the vertical."""

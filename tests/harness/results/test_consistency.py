@@ -209,7 +209,7 @@ def test_an_error_that_never_changes_is_a_single_sample(recorded):
     assert nees.verdict.endswith("consistent")
 
 
-@settings(deadline=None, max_examples=50)
+@settings(max_examples=50)
 @given(st.integers(0, 2**32 - 1))
 def test_the_rotation_between_attitudes_takes_one_into_the_other(seed):
     a, b = Rotation.random(2, random_state=seed)

@@ -22,7 +22,7 @@ def value(name: str, **signals) -> float:
     return metrics_of(Motion(STEP, settle=2.0, **signals))[name].value
 
 
-@settings(deadline=None, max_examples=10)
+@settings(max_examples=10)
 @given(st.floats(0.0, 1.5), st.floats(7.5, 13.0))
 def test_a_scaled_tone_is_reduced_by_its_scale_in_every_definition(scale, frequency):
     """x = v + tremor, y = v + scale * tremor: every reduction is 100 (1 - scale)."""
@@ -112,7 +112,6 @@ def test_drive_figures():
     assert value("saturated", saturated=saturated) == pytest.approx(25.0)
 
 
-@settings(deadline=None)
 @given(
     st.lists(st.floats(-1, 1), min_size=4, max_size=4).filter(lambda q: np.linalg.norm(q) > 0.1),
     st.floats(0.0, np.pi),

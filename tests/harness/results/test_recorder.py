@@ -12,7 +12,7 @@ from pathlib import Path
 import numpy as np
 import pyarrow as pa
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pyarrow import csv
 
@@ -229,7 +229,6 @@ def test_an_unknown_signal_is_answered_with_the_nearest(tmp_path):
         steadytip.read(tmp_path).signals("a.yy")
 
 
-@settings(deadline=None)
 @given(data=st.data(), kind=st.sampled_from(["Real", "Integer", "Boolean"]))
 def test_values_of_a_column_are_those_of_arrow(data, kind):
     """Whatever the chunks, and slices of them, that a column is made of."""

@@ -4,7 +4,7 @@ import re
 from pathlib import Path
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
@@ -232,7 +232,6 @@ def test_what_is_no_parameter_set_is_refused(text, write_scenario, tmp_path):
         assemble(load(path))
 
 
-@settings(deadline=None)
 @given(st.integers(0, 2**63), st.text(min_size=1, max_size=20))
 def test_a_parts_seed_follows_from_seed_and_name_alone(seed, name):
     assert part_seed(seed, name) == part_seed(seed, name)

@@ -522,7 +522,7 @@ def test_archives_in_an_archive_share_one_budget(load_ssd: Load, archive: Archiv
         load_ssd(document(system(elements)), {f"sub{k}.ssp": package for k in range(4)})
 
 
-@settings(deadline=None, max_examples=200)
+@settings(max_examples=200)
 @given(data=st.data())
 def test_damage_gives_a_scenario_or_a_sentence(data, probe, tmp_path_factory):
     """Flipped, lost and doubled bytes in the description or in the archive around it."""

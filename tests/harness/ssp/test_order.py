@@ -2,7 +2,7 @@
 
 import graphlib
 
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.parts.ports import Port
@@ -27,7 +27,6 @@ def order_of(parts, connections, without):
     return run_order(parts, connections, lambda c: c.target_part not in without)
 
 
-@settings(deadline=None)
 @given(GRAPHS)
 def test_undelayed_connections_leave_no_loop_and_go_forward(graph):
     parts, connections, without = graph
@@ -42,7 +41,6 @@ def test_undelayed_connections_leave_no_loop_and_go_forward(graph):
     graphlib.TopologicalSorter(before).prepare()
 
 
-@settings(deadline=None)
 @given(GRAPHS)
 def test_nothing_outside_a_loop_is_delayed(graph):
     parts, connections, without = graph
@@ -55,7 +53,6 @@ def test_nothing_outside_a_loop_is_delayed(graph):
         assert not delayed[c] or c.source_part in reach[c.target_part]
 
 
-@settings(deadline=None)
 @given(GRAPHS)
 def test_an_exported_system_is_read_back_as_it_was(graph):
     """Export writes components in run order; reading that file gives the same order and delays."""

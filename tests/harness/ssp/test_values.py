@@ -1,7 +1,7 @@
 """Parameter sets, units and file names of SSP."""
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from fmu_src.errors import SteadytipError
@@ -21,7 +21,6 @@ VALUES = st.one_of(
 )
 
 
-@settings(deadline=None)
 @given(values=st.dictionaries(TEXT, VALUES), exponents=EXPONENTS, factor=SCALES)
 def test_a_parameter_set_is_read_as_it_was_written(values, exponents, factor, tmp_path_factory):
     unit = Unit("some/unit", exponents, factor, -1.5)
@@ -43,7 +42,6 @@ def test_a_unit_without_a_base_unit_is_left_out(tmp_path):
     assert read_ssv(path) == {"density": SsvValue(1.0)}
 
 
-@settings(deadline=None)
 @given(
     value=st.floats(-1e6, 1e6),
     exponents=EXPONENTS,

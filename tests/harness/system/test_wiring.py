@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 import pytest
-from hypothesis import given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 
 from harness.common.errors import ProblemsError
@@ -142,7 +142,6 @@ def test_a_part_wired_to_itself_needs_a_delay():
     assert "a.y -> a.u" in text
 
 
-@settings(deadline=None)
 @given(st.data())
 def test_sources_run_first_and_ties_keep_the_scenarios_order(data):
     names = [f"p{i}" for i in range(data.draw(st.integers(2, 7)))]
