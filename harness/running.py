@@ -20,6 +20,7 @@ from harness.parts.protocols import RunContext
 from harness.recordings.run_record import record_file
 from harness.results.recorder import Recorder
 from harness.results.result import Result
+from harness.results.run_metadata import VERSION, RunMetadata
 from harness.scenario import load as scenarios
 from harness.system.assembly import System, assemble
 
@@ -144,18 +145,20 @@ def perform(
             outcome = Loop(system, once, recorder, rig.pace, rig.observe).go(progress)
     if rig is not None:
         status("closing")
-        metadata |= rig.closed(outcome)
+        metadata = metadata.model_copy(update=rig.closed(outcome))
     if outcome.ticks == 0:
         recorder.discard()
         early = outcome.error or StoppedError("stopped before the first tick")
-        early.args = (". ".join((str(early), *metadata.get("hil", {}).get("notes", ()))),)
+        early.args = (". ".join((str(early), *(metadata.hil or {}).get("notes", ()))),)
         raise early
-    metadata |= {
-        "wall": outcome.wall,
-        "ticks": outcome.ticks,
-        "error": str(outcome.error) if outcome.error else None,
-        "notes": [*metadata["notes"], *outcome.warnings],
-    }
+    metadata = metadata.model_copy(
+        update={
+            "wall": outcome.wall,
+            "ticks": outcome.ticks,
+            "error": str(outcome.error) if outcome.error else None,
+            "notes": [*metadata.notes, *outcome.warnings],
+        }
+    )
     for warning in outcome.warnings:
         status(warning)
     error: RunError | None = outcome.error
@@ -164,7 +167,7 @@ def perform(
         if rig is not None:
             recorder.close()
             extra, more = rig.extra_columns()
-            metadata |= more
+            metadata = metadata.model_copy(update=more)
         result = Result(recorder.finish(metadata, csv, extra))
         if not isinstance(error, RecordError):
             _write(result, status, report)
@@ -196,37 +199,38 @@ def default_folder(system: System) -> Path:
     return Path("build", "runs", "-".join(part for part in parts if part))
 
 
-def metadata_of(system: System) -> dict[str, Any]:
-    """Return what is needed to repeat a run and to read its results; JSON types only."""
+def metadata_of(system: System) -> RunMetadata:
+    """Return what is needed to repeat a run and to read its results."""
     if system.unfused is not None:
-        return {**metadata_of(system.unfused), "fused": True}
+        return metadata_of(system.unfused).model_copy(update={"fused": True})
     scenario = system.scenario
-    return {
-        "scenario": scenario.name,
-        "scenario_file": scenario.given,
-        "title": scenario.title,
-        "variant": scenario.variant,
-        "step": scenario.step_size,
-        "steps": system.steps,
-        "settle": scenario.warm_up,
-        "seed": scenario.seed,
-        "texts": [list(text) for text in scenario.texts],
-        "overrides": dict(scenario.overrides),
-        "motions": {name: path.name for name, path in system.motions.items()},
-        "innovation_sizes": {
+    return RunMetadata(
+        version=VERSION,
+        scenario=scenario.name,
+        scenario_file=scenario.given,
+        title=scenario.title,
+        variant=scenario.variant,
+        step_size=scenario.step_size,
+        steps=system.steps,
+        warm_up=scenario.warm_up,
+        seed=scenario.seed,
+        texts=list(scenario.texts),
+        overrides=dict(scenario.overrides),
+        motions={name: path.name for name, path in system.motions.items()},
+        innovation_sizes={
             name: table.innovation_size
             for name, table in scenario.parts.items()
             if table.innovation_size is not None
         },
-        "roles": {role: list(names) for role, names in system.roles.items()},
-        "order": list(system.wiring.order),
-        "delays": {
+        roles={role: list(names) for role, names in system.roles.items()},
+        order=list(system.wiring.order),
+        delays={
             f"{link.source_part}.{link.source}": link.delay
             for link in system.wiring.links
             if link.delay
         },
-        "undriven": list(system.wiring.unconnected),
-        "events": [
+        unconnected=list(system.wiring.unconnected),
+        events=[
             {
                 "time": event.tick * scenario.step_size,
                 "part": event.part,
@@ -234,12 +238,12 @@ def metadata_of(system: System) -> dict[str, Any]:
             }
             for event in system.events
         ],
-        "notes": list(system.notes),
-        "parts": {name: part.metadata() for name, part in system.parts.items()},
-        "versions": {
+        notes=list(system.notes),
+        parts={name: part.metadata() for name, part in system.parts.items()},
+        versions={
             "steadytip": fmu_src.__version__,
             "python": platform.python_version(),
             **{name: version(name) for name in _VERSIONS},
         },
-        "machine": f"{platform.system()} {platform.machine()}",
-    }
+        machine=f"{platform.system()} {platform.machine()}",
+    )

@@ -51,8 +51,8 @@ def _harness(scenario: str, ssp: Path, folder: Path) -> Block:
     def block(ticks: int) -> float:
         overrides = {"seconds": ticks * step, "warm_up": 0.0}
         result = run(scenario, overrides=overrides, out=folder / "own", report=False)
-        assert result.metadata["ticks"] == ticks
-        return float(result.metadata["wall"])
+        assert result.metadata.ticks == ticks
+        return float(result.metadata.wall or 0.0)
 
     step = load(scenario).step_size
     return block

@@ -122,7 +122,7 @@ def _judge(scenario: str, result: Result | None, why: str, junit: Path) -> bool:
     from harness.results.limits import judge, never_ran, suite_of
 
     judged = never_ran(why) if result is None else judge(result)
-    seconds = 0.0 if result is None else result.metadata["wall"]
+    seconds = 0.0 if result is None else result.metadata.wall or 0.0
     write_junit(junit, "steadytip hil", [suite_of(Path(scenario).stem, judged, seconds)])
     bad = [each for each in judged if each.failure]
     for each in bad if result is not None else []:

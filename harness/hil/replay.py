@@ -187,8 +187,8 @@ def replay(
                 f"there is no {PARQUET} beside {log} that tells the scenario: name it, as in "
                 "steadytip replay LOG closed_loop_can"
             )
-        scenario = before.metadata["scenario_file"]
-        overrides = {**before.metadata["overrides"], **(overrides or {})}
+        scenario = before.metadata.scenario_file
+        overrides = {**before.metadata.overrides, **(overrides or {})}
     checked = scenarios.load(scenario, overrides)
     name = part_on_bus(checked)
     system = assemble(checked, None, status)

@@ -87,7 +87,7 @@ def loop_figures(
     }
     with TemporaryDirectory(prefix="steadytip-bench-", ignore_cleanup_errors=True) as folder:
         result = hil(SCENARIO, overrides=overrides, out=Path(folder), report=False, status=status)
-        metrics, conditions = result.metrics, result.metadata["hil"]["conditions"]
+        metrics, conditions = result.metrics, (result.metadata.hil or {})["conditions"]
     if not _TIMES.keys() <= metrics.keys():
         raise SteadytipError(f"{link}: no sample of {seconds:g} s came in time to be measured")
     setting = f"{SCENARIO}, {link}, {seconds:g} s, {_words(conditions)}"

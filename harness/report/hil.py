@@ -36,7 +36,7 @@ _UNIT = 1e3  # ms
 
 def hil_sections(result: Result) -> Iterator[Section]:
     """Yield one section for a run on the wall clock, none for others."""
-    metadata = result.metadata.get("hil")
+    metadata = result.metadata.hil
     if metadata is None:
         return
     feed = feed_of(result)
@@ -119,7 +119,7 @@ def _scheduling(conditions: Mapping[str, Any]) -> str:
 
 
 def _overruns(result: Result, counts: Mapping[str, int], feed: str) -> str:
-    step = result.metadata["step"]
+    step = result.metadata.step_size
     due = result.signals(f"{feed}.due")
     kinds = {
         "tick that took longer than a period": counts["overruns"],
@@ -195,7 +195,7 @@ def _response_text(each: Trouble) -> str:
 
 def _board_begun(result: Result, feed: str) -> float:
     """Time of the board at the beginning of the run [s]."""
-    return float(result.signals(f"{feed}.due")[0]) * float(result.metadata["step"])
+    return float(result.signals(f"{feed}.due")[0]) * result.metadata.step_size
 
 
 def _durations(result: Result, feed: str) -> Iterator[Plot]:
@@ -334,7 +334,7 @@ def _shade(figure: go.Figure, result: Result, feed: str) -> None:
     """Shade where the emulated board was asked for faults."""
     begun, end = _board_begun(result, feed), float(result.time[-1])
     shapes, words = [], []
-    for text in result.metadata["hil"].get("injected", {}).get("faults", ()):
+    for text in (result.metadata.hil or {}).get("injected", {}).get("faults", ()):
         fault = parse(text)
         left, right = max(fault.start - begun, 0.0), min(fault.end - begun, end)
         if left >= right:

@@ -34,8 +34,8 @@ def _start_values(part: dict[str, Any]) -> str:
 
 def _content(result: Result) -> dict[str, Any]:
     metadata = result.metadata
-    drive = metadata["roles"].get("actuator_voltage", ())
-    delays = tuple(metadata["delays"].get(name, 0) for name in drive)
+    drive = metadata.roles.get("actuator_voltage", ())
+    delays = tuple(metadata.delays.get(name, 0) for name in drive)
     ticks = len(result.time)
     drawn = (
         [
@@ -46,13 +46,13 @@ def _content(result: Result) -> dict[str, Any]:
         else []
     )
     metrics = result.metrics
-    recording = ", ".join(metadata["motions"].values()) or "none"
-    simulated = f"{ticks * metadata['step']:g} s in {ticks} steps of {metadata['step']:g} s"
+    recording = ", ".join(metadata.motions.values()) or "none"
+    simulated = f"{ticks * metadata.step_size:g} s in {ticks} steps of {metadata.step_size:g} s"
     return {
-        "title": metadata["title"],
-        "subtitle": f"{metadata['scenario']}, recording: {recording}, {simulated}",
+        "title": metadata.title,
+        "subtitle": f"{metadata.scenario}, recording: {recording}, {simulated}",
         "error": result.error,
-        "notes": metadata["notes"],
+        "notes": metadata.notes,
         "verdict": [
             (f"{metrics[name].value:.1f} %", text)
             for name, text in _VERDICT.items()
@@ -65,21 +65,21 @@ def _content(result: Result) -> dict[str, Any]:
             for name, metric in metrics.items()
         ],
         "run": {
-            "scenario": metadata["scenario"],
+            "scenario": metadata.scenario,
             "recording": recording,
             "simulated": simulated,
-            "wall time": f"{metadata['wall']:.2f} s",
-            "left out at the start": f"{metadata['settle']:g} s",
-            "seed": metadata["seed"],
-            "run order": ", ".join(metadata["order"]),
-            "machine": metadata["machine"],
-            "versions": ", ".join(f"{name} {text}" for name, text in metadata["versions"].items()),
+            "wall time": f"{metadata.wall or 0.0:.2f} s",
+            "left out at the start": f"{metadata.warm_up:g} s",
+            "seed": metadata.seed,
+            "run order": ", ".join(metadata.order),
+            "machine": metadata.machine,
+            "versions": ", ".join(f"{name} {text}" for name, text in metadata.versions.items()),
         },
         "parts": [
             {**part, "name": name, "settings": _start_values(part)}
-            for name, part in metadata["parts"].items()
+            for name, part in metadata.parts.items()
         ],
-        "texts": metadata["texts"],
-        "overrides": metadata["overrides"],
-        "undriven": metadata["undriven"],
+        "texts": metadata.texts,
+        "overrides": metadata.overrides,
+        "undriven": metadata.unconnected,
     }

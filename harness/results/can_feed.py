@@ -20,7 +20,7 @@ _QUANTILES = {"p50": 50.0, "p99": 99.0}
 
 def feed_of(result: RecordedSignals) -> str | None:
     """Name of the part that is on a bus; None without one."""
-    parts = result.metadata.get("parts", {})
+    parts = result.metadata.parts
     return next((n for n, metadata in parts.items() if metadata.get("kind") == "can"), None)
 
 
@@ -41,7 +41,7 @@ def wakings(result: RecordedSignals, feed: str) -> FloatArray:
 
 def figures_of(result: RecordedSignals) -> dict[str, Metric]:
     """Figures by name; none of a run that was not on the wall clock."""
-    metadata = result.metadata.get("hil")
+    metadata = result.metadata.hil
     feed = feed_of(result)
     if metadata is None or feed is None:
         return {}

@@ -154,8 +154,8 @@ def consistency_of(result: RecordedSignals) -> list[Consistency]:
     """Compare the errors of a run's estimators with those they state; leave silent ones out."""
     metadata = result.metadata
     columns = set(result.columns)
-    counted = result.time >= metadata["settle"] - 1e-9
-    if np.count_nonzero(counted) * metadata["step"] < SHORTEST_EVALUATION:
+    counted = result.time >= metadata.warm_up - 1e-9
+    if np.count_nonzero(counted) * metadata.step_size < SHORTEST_EVALUATION:
         return []
 
     def samples(part: str) -> BoolArray:
@@ -163,12 +163,12 @@ def consistency_of(result: RecordedSignals) -> list[Consistency]:
         return np.asarray(counted & (result.signals(valid) != 0.0)) if valid in columns else counted
 
     found: list[Consistency] = []
-    for part in metadata["parts"]:
+    for part in metadata.parts:
         if f"{part}.{NIS_OUTPUT}" in columns:
             squared = result.signals(f"{part}.{NIS_OUTPUT}")
             if f"{part}.{_SIZE}" in columns:
                 size = result.signals(f"{part}.{_SIZE}")
-            elif part in (sizes := metadata.get("innovation_sizes", {})):
+            elif part in (sizes := metadata.innovation_sizes):
                 size = np.where(squared > 0.0, float(sizes[part]), 0.0)
             else:
                 continue
@@ -199,7 +199,7 @@ def _errors(
     result: RecordedSignals, columns: set[str]
 ) -> Iterator[tuple[str, str, FloatArray, FloatArray]]:
     """Part, quantity, error (n, 3) and stated deviation (n, 3) where the truth is known."""
-    roles: Mapping[str, list[str]] = result.metadata.get("roles", {})
+    roles: Mapping[str, list[str]] = result.metadata.roles
     for what in ("attitude", "position"):
         true, estimated = result.role(f"{what}_true"), result.role(f"{what}_estimated")
         if true is None or estimated is None:

@@ -9,7 +9,6 @@ when it was written.
 
 from __future__ import annotations
 
-import json
 import os
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -64,7 +63,7 @@ def convert(run: str | os.PathLike[str], out: Path | None = None) -> list[Path]:
     """
     result = read(run)
     folder = out or result.path
-    log = result.metadata.get("hil", {}).get("log")
+    log = (result.metadata.hil or {}).get("log")
     entries = [*read_log(result.path / log)] if log is not None else []
     ticks = [entry.time * 1e-6 for entry in entries if entry.tick is not None]
     written = [folder / SIGNALS]
@@ -123,8 +122,8 @@ def _signals(mdf: Any, result: Result) -> None:
                 comment=told.get("description", ""),
             )
         )
-    mdf.header.comment = json.dumps(dict(result.metadata))
-    mdf.append(channels, acq_name="signals", comment=result.metadata["title"], common_timebase=True)
+    mdf.header.comment = result.metadata.json_text()
+    mdf.append(channels, acq_name="signals", comment=result.metadata.title, common_timebase=True)
 
 
 def _kind(frame: Any) -> int:

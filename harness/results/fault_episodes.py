@@ -58,7 +58,7 @@ def mode_of(result: Result, feed: str) -> FloatArray | None:
 
 def troubles(result: Result) -> list[Trouble]:
     """Everything that went wrong, in its order; nothing without a part on a bus."""
-    feed, metadata = feed_of(result), result.metadata.get("hil", {})
+    feed, metadata = feed_of(result), result.metadata.hil or {}
     if feed is None or "events" not in metadata:
         return []
     invalid = result.signals(f"{feed}.valid") == 0.0
@@ -69,7 +69,7 @@ def troubles(result: Result) -> list[Trouble]:
     # A tick that ends a stretch tells so: "valid again".
     marked = np.unique([*np.flatnonzero(invalid | held), *ticks]).astype(int)
     groups = np.split(marked, np.flatnonzero(np.diff(marked) > _APART) + 1)
-    step = result.metadata["step"]
+    step = result.metadata.step_size
     found = []
     for group in groups if len(marked) else []:
         first, last = int(group[0]), int(group[-1])

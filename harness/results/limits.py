@@ -53,7 +53,7 @@ class Judged:
 
 def judge(result: Result) -> list[Judged]:
     """Everything that is checked of a run on the wall clock."""
-    metadata = result.metadata["hil"]
+    metadata = result.metadata.hil or {}
     judged = [
         Judged("run", "ended in order", f"{len(result.time)} ticks", result.error or ""),
         Judged(

@@ -112,13 +112,13 @@ def motion_of(result: RecordedSignals) -> Motion:
     While a recording moves the part that gives the intent, that part does not know the intent.
     """
     metadata = result.metadata
-    intent_parts = {name.rpartition(".")[0] for name in metadata.get("roles", {}).get("intent", [])}
-    replayed = bool(intent_parts & set(metadata.get("motions", {})))
+    intent_parts = {name.rpartition(".")[0] for name in metadata.roles.get("intent", [])}
+    replayed = bool(intent_parts & set(metadata.motions))
     return Motion(
-        step=metadata["step"],
-        settle=metadata["settle"],
+        step=metadata.step_size,
+        settle=metadata.warm_up,
         ticks=len(result.time),
-        wall=metadata.get("wall"),
+        wall=metadata.wall,
         tip_uncompensated=result.role("tip_uncompensated"),
         tip=result.role("tip"),
         intent=None if replayed else result.role("intent"),

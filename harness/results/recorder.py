@@ -8,12 +8,10 @@ carries its unit and description, the schema a JSON object about the run.
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pyarrow as pa
@@ -33,6 +31,7 @@ from harness.recordings.run_record import (
     STREAM,
     read_batches,
 )
+from harness.results.run_metadata import RunMetadata
 
 __all__ = ["CHUNK", "Recorder"]
 
@@ -53,7 +52,7 @@ class Recorder:
         folder: Path,
         columns: Sequence[Column],
         step: float,
-        metadata: Mapping[str, Any],
+        metadata: RunMetadata,
         patient: bool = True,
     ) -> None:
         """Clear the folder of an earlier run's files and open the stream.
@@ -62,7 +61,7 @@ class Recorder:
             folder: made if it does not exist.
             columns: of the signals, in their order.
             step: period of the ticks [s].
-            metadata: about the run, JSON types only.
+            metadata: about the run.
             patient: whether the caller may be made to wait for a disk that is busy.
 
         Raises:
@@ -166,7 +165,7 @@ class Recorder:
 
     def finish(
         self,
-        metadata: Mapping[str, Any],
+        metadata: RunMetadata,
         as_csv: bool = False,
         extra_columns: pa.Table | None = None,
     ) -> Path:
@@ -246,7 +245,7 @@ class Recorder:
             self._file.close()
 
 
-def _schema(columns: Sequence[Column], metadata: Mapping[str, Any]) -> pa.Schema:
+def _schema(columns: Sequence[Column], metadata: RunMetadata) -> pa.Schema:
     fields = [pa.field("time", pa.float64(), metadata={"unit": "s", "description": "time"})]
     fields += [
         pa.field(
@@ -254,7 +253,7 @@ def _schema(columns: Sequence[Column], metadata: Mapping[str, Any]) -> pa.Schema
         )
         for c in columns
     ]
-    return pa.schema(fields, metadata={METADATA_KEY: json.dumps(dict(metadata))})
+    return pa.schema(fields, metadata={METADATA_KEY: metadata.json_text()})
 
 
 def _grouped(batches: Iterator[pa.RecordBatch], rows: int) -> Iterator[list[pa.RecordBatch]]:

@@ -7,7 +7,7 @@ import os
 from collections.abc import Mapping, Sequence
 from functools import cached_property
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -25,7 +25,7 @@ from harness.recordings.run_record import (
     record_file,
     values_of,
 )
-from harness.scenario.old_names import OLD_ROLES
+from harness.results.run_metadata import RunMetadata
 
 if TYPE_CHECKING:
     import pyarrow as pa
@@ -60,17 +60,14 @@ class Result:
         return read_schema(self.file)
 
     @cached_property
-    def metadata(self) -> Mapping[str, Any]:
+    def metadata(self) -> RunMetadata:
         """About the run: scenario, roles, parts with their FMUs, seeds, versions, how it ended."""
-        found = read_metadata(self._schema)
-        if "roles" in found:
-            found["roles"] = {OLD_ROLES.get(k, k): names for k, names in found["roles"].items()}
-        return found
+        return RunMetadata.read(read_metadata(self._schema), str(self.file))
 
     @property
     def error(self) -> str | None:
         """Why the run ended early; None if it did not, or if the process was killed."""
-        return self.metadata.get("error")
+        return self.metadata.error
 
     @property
     def units(self) -> dict[str, str]:
@@ -110,7 +107,7 @@ class Result:
 
     def role(self, role: str) -> FloatArray | None:
         """(n, columns) signals that play a role of the scenario's `signals`; None without one."""
-        names = self.metadata.get("roles", {}).get(role)
+        names = self.metadata.roles.get(role)
         return self._columns(names) if names else None
 
     def _columns(self, names: Sequence[str]) -> FloatArray:

@@ -2,10 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import Any, Protocol
+from collections.abc import Sequence
+from typing import Protocol
 
 from harness.common.types import FloatArray
+from harness.results.run_metadata import RunMetadata
 
 __all__ = ["RecordedSignals"]
 
@@ -14,7 +15,7 @@ class RecordedSignals(Protocol):
     """What figures of merit are computed from: see `Result`, which is one."""
 
     @property
-    def metadata(self) -> Mapping[str, Any]:
+    def metadata(self) -> RunMetadata:
         """About the run."""
 
     @property

@@ -2,14 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from harness.common.patterns import matching
 from harness.results.consistency import consistency_of
 from harness.results.metrics import metrics_of_result
+from harness.results.run_metadata import RunMetadata
 from harness.scenario.schema import NIS_OUTPUT
 
 if TYPE_CHECKING:
@@ -33,7 +34,7 @@ def wanted(system: System) -> tuple[str, ...]:
 class MemoryRecorder:
     """Takes the signals of every tick, as `recorder.Recorder` does; see `signals.Signals`."""
 
-    def __init__(self, system: System, metadata: Mapping[str, Any]) -> None:
+    def __init__(self, system: System, metadata: RunMetadata) -> None:
         """Make room for a whole run.
 
         Args:
@@ -66,7 +67,7 @@ class MemoryRecorder:
     @property
     def time(self) -> FloatArray:
         """(n,) instants of the samples [s]."""
-        return np.asarray(np.arange(self.ticks) * self.metadata["step"])
+        return np.asarray(np.arange(self.ticks) * self.metadata.step_size)
 
     def signals(self, name: str) -> FloatArray:
         """(n,) a signal by name."""
@@ -74,7 +75,7 @@ class MemoryRecorder:
 
     def role(self, role: str) -> FloatArray | None:
         """(n, columns) signals that play a role; None without one."""
-        names = self.metadata["roles"].get(role)
+        names = self.metadata.roles.get(role)
         if not names:
             return None
         return np.column_stack([self._values[: self.ticks, self._at[name]] for name in names])

@@ -23,6 +23,7 @@ from harness.common.errors import FaultError, ProblemsError, RunError, StoppedEr
 from harness.loop.segments import run_until
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part, Restorable, Reusable, RunContext
+from harness.results.run_metadata import RunMetadata
 from harness.scenario.events import Fault
 from harness.scenario.load import with_values
 from harness.scenario.merge import merge_tables, nest_keys
@@ -129,18 +130,18 @@ class _WorkerSystem:
         # Last: nobody would remove it if what is above failed.
         self._room = tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True)
         self.run = RunContext(scenario.step_size, self.made.steps, Path(self._room.name))
-        metadata = {
-            "step": scenario.step_size,
-            "settle": scenario.warm_up,
-            "roles": {role: list(names) for role, names in self.made.roles.items()},
-            "motions": {name: path.name for name, path in self.made.motions.items()},
-            "parts": dict.fromkeys(self.made.parts),
-            "innovation_sizes": {
+        metadata = RunMetadata(
+            step_size=scenario.step_size,
+            warm_up=scenario.warm_up,
+            roles={role: list(names) for role, names in self.made.roles.items()},
+            motions={name: path.name for name, path in self.made.motions.items()},
+            parts={name: {} for name in self.made.parts},
+            innovation_sizes={
                 name: table.innovation_size
                 for name, table in scenario.parts.items()
                 if table.innovation_size is not None
             },
-        }
+        )
         parts = self.system.parts.values()
         found = [p for p in parts if isinstance(p, FmuPart) and p.name not in self.made.parts]
         self._container = found[0] if found else None

@@ -109,4 +109,4 @@ def test_conditions_of_the_parameters_are_warnings_when_they_are_false(
         for text in warned:
             assert text.startswith("part 'inverse' warns: ")
             assert "inverse.defined is false: the operator has no inverse" in text
-            assert text in result.metadata["notes"]
+            assert text in result.metadata.notes

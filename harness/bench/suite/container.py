@@ -65,9 +65,9 @@ def factor(bench: Bench, row: str, spent: list[float], step: float) -> None:
 def bench_tick(bench: Bench, turn: int, row: str, run: Callable[[str], Any]) -> None:
     """Measure the ticks of a run."""
     metadata = run(row).metadata
-    whole = counting(lambda: float(run(row).metadata["wall"]))
-    spent = bench.time(row, _TICK, whole, per=metadata["ticks"], rounds=1, best=True)
-    factor(bench, row, spent, metadata["step"])
+    whole = counting(lambda: float(run(row).metadata.wall or 0.0))
+    spent = bench.time(row, _TICK, whole, per=metadata.ticks, rounds=1, best=True)
+    factor(bench, row, spent, metadata.step_size)
     if row == _FUSED:
         bench.ratio(_APART, "over the container's", (_APART, _TICK), (_FUSED, _TICK))
 

@@ -132,9 +132,9 @@ def test_overrides_on_the_command_line_are_typed_as_in_toml(
     code, out, _ = call(monkeypatch, capsys, *arguments)
     assert (code, out) == (0, "")
     metadata = st.read(tmp_path / "o").metadata
-    assert metadata["parts"]["a"]["start_values"]["gain"] == 2.5
-    assert metadata["title"] == "just words"
-    assert metadata["ticks"] == 100
+    assert metadata.parts["a"]["start_values"]["gain"] == 2.5
+    assert metadata.title == "just words"
+    assert metadata.ticks == 100
 
 
 def test_a_mistake_of_the_user_ends_with_2_and_no_traceback(write_scenario, monkeypatch, capsys):

@@ -14,6 +14,7 @@ from harness.parts.can.settings import Keys
 from harness.parts.ports import Column, Port
 from harness.results.recorder import Recorder
 from harness.results.result import Result
+from harness.results.run_metadata import RunMetadata
 
 from ..can.virtual import STEP, Rig
 
@@ -77,10 +78,11 @@ def record(
         "parts": {FEED: {"kind": "can"}, f"{FEED}.command": {"kind": "can", "of": FEED}},
         **metadata,
     }  # fmt: skip
-    recorder = Recorder(folder, columns, STEP, whole)
+    about = RunMetadata.read(whole, "made up")
+    recorder = Recorder(folder, columns, STEP, about)
     for values in rows:
         recorder.append(np.array(values, float))
-    return Result(recorder.finish(whole))
+    return Result(recorder.finish(about))
 
 
 def _column(part: str, port: Port) -> Column:

@@ -68,7 +68,7 @@ def test_each_message_has_a_row_with_its_faults(faulty):
     rows = {row["message"]: row for row in table(faulty, "message")}
     assert rows["SensorsA"]["id"] == "0x110"
     assert rows["BoardHeartbeat"]["id"] == "0x701"
-    counted = faulty.metadata["hil"]["messages"]
+    counted = faulty.metadata.hil["messages"]
     assert set(rows) == set(counted)
     for name, row in rows.items():
         for kind in ("received", "lost", "crc", "timeouts", "range"):
@@ -118,7 +118,7 @@ def test_troubles_hold_all_that_went_wrong_once(seed, tmp_path):
     mode, valid = result.signals(f"{FEED}.command.mode"), result.signals(f"{FEED}.valid")
     assert sum(each.held for each in found) == pytest.approx(1e-3 * np.sum(mode == HOLD))
     assert sum(each.invalid for each in found) == pytest.approx(1e-3 * np.sum(valid == 0))
-    events = result.metadata["hil"]["events"]
+    events = result.metadata.hil["events"]
     assert {text for _, _, text in events} == {text for each in found for text in each.texts}
     ticks = [each.tick for each in found]
     assert ticks == sorted(set(ticks))
@@ -128,7 +128,7 @@ def test_troubles_hold_all_that_went_wrong_once(seed, tmp_path):
 
 
 def test_events_stand_at_the_tick_whose_signals_show_them(faulty):
-    metadata, valid = faulty.metadata["hil"], faulty.signals(f"{FEED}.valid")
+    metadata, valid = faulty.metadata.hil, faulty.signals(f"{FEED}.valid")
     assert len(metadata["events"]) == len(metadata["event_ticks"]) > 5
     for (_, _, text), tick in zip(metadata["events"], metadata["event_ticks"], strict=True):
         if text.startswith("invalid: "):
@@ -226,7 +226,7 @@ def test_the_course_shows_age_load_mode_and_when_which_fault_was_counted(faulty)
         for kind in marks
     }
     before = {kind: faulty.signals(f"{FEED}.{kind}")[0] for kind in marks}
-    assert counted == {k: faulty.metadata["hil"]["counts"][k] - before[k] for k in marks}
+    assert counted == {k: faulty.metadata.hil["counts"][k] - before[k] for k in marks}
     # Shaded and named: what the board was asked for.
     words = [note.text for note in course.layout.annotations]
     assert words == ["drop", "corrupt", "silence", "unavailable", "babble"]
@@ -245,14 +245,13 @@ def test_the_page_has_the_section_and_nothing_of_it_without_a_wall_clock(faulty,
     ):
         assert text in page
     plain = record(tmp_path, ticks=50)
-    metadata = {k: v for k, v in plain.metadata.items() if k != "hil"}
-    plain.__dict__["metadata"] = metadata
+    plain.__dict__["metadata"] = plain.metadata.model_copy(update={"hil": None})
     assert list(hil_sections(plain)) == []
 
 
 def test_a_loop_without_a_bus_has_conditions_only(tmp_path):
     result = record(tmp_path, ticks=50, parts={})
-    result.metadata["hil"].pop("messages")
+    result.metadata.hil.pop("messages")
     (section,) = hil_sections(result)
     assert "there is no bus" in section.text[0]
     assert len(section.tables) == 1

@@ -76,7 +76,7 @@ def unmixed(result) -> None:
 
 
 def test_every_sample_is_the_one_that_the_board_took(run) -> None:
-    counts = run.metadata["hil"]["counts"]
+    counts = run.metadata.hil["counts"]
     assert {name: counts[name] for name in ON_THE_WIRE} == dict.fromkeys(ON_THE_WIRE, 0)
     assert len(run.time) == 2000
     unmixed(run)
@@ -99,7 +99,7 @@ def test_metrics_and_files_of_a_run(run) -> None:
     assert 0.5 < metrics["bus_load"]["value"] / 100 < 0.7
     for name in ("frames.log", "results.parquet", "report.html", "board/results.parquet"):
         assert (run.path / name).is_file(), name
-    assert not run.metadata["hil"]["notes"]
+    assert not run.metadata.hil["notes"]
 
 
 def test_the_world_of_the_board_stands_beside_the_loop(run) -> None:
@@ -160,7 +160,7 @@ def test_a_replay_of_something_else_says_what_differs(run, tmp_path) -> None:
 
 
 def test_faults_on_a_real_bus_are_counted_and_nothing_is_mixed(faulty) -> None:
-    counts = faulty.metadata["hil"]["counts"]
+    counts = faulty.metadata.hil["counts"]
     for name in ("lost", "crc", "timeouts", "sequence", "range", "incomplete"):
         assert counts[name] > 0, name
     assert faulty.metrics["invalid"].value > 0
@@ -178,9 +178,9 @@ def test_the_board_as_a_c_program_closes_the_loop_too(tmp_path) -> None:
     result = hil(
         "closed_loop_can", overrides=SHORT | {"hil.board": "c"}, out=tmp_path, report=False
     )
-    counts = result.metadata["hil"]["counts"]
+    counts = result.metadata.hil["counts"]
     assert {name: counts[name] for name in ON_THE_WIRE} == dict.fromkeys(ON_THE_WIRE, 0)
-    assert not result.metadata["hil"]["notes"]
+    assert not result.metadata.hil["notes"]
     unmixed(result)
     alone = st.run("closed_loop", overrides=SHORT, out=tmp_path / "alone", report=False)
     if not result.metrics["lost_samples"].value:
@@ -287,8 +287,8 @@ def test_a_board_that_is_killed_leaves_the_loop_on_hold(tmp_path) -> None:
     mode = result.signals("sensors.command.mode")
     assert mode[-1] == HOLD
     assert (result.signals("sensors.command.volts_sent_?")[-1] == 0).all()
-    assert any("board ended with exit code -9" in note for note in result.metadata["hil"]["notes"])
-    kinds = {kind for _, kind, _ in result.metadata["hil"]["events"]}
+    assert any("board ended with exit code -9" in note for note in result.metadata.hil["notes"])
+    kinds = {kind for _, kind, _ in result.metadata.hil["events"]}
     assert {"timeouts", "heartbeat"} <= kinds
 
 
@@ -339,7 +339,7 @@ def test_a_loop_without_a_bus_keeps_to_the_clock(tmp_path) -> None:
         "closed_loop", overrides={"seconds": 0.5, "warm_up": 0.0}, out=tmp_path, report=False
     )
     assert len(result.time) == 500
-    assert result.metadata["wall"] > 0.49
+    assert result.metadata.wall > 0.49
 
 
 def test_a_board_for_a_loop_without_a_bus_is_a_mistake(tmp_path) -> None:
@@ -427,7 +427,7 @@ def test_a_minute_over_two_processes(interface, minute, tmp_path) -> None:
             report=False,
         )
         unmixed(result)
-        counts = result.metadata["hil"]["counts"]
+        counts = result.metadata.hil["counts"]
         assert {name: counts[name] for name in ON_THE_WIRE} == dict.fromkeys(ON_THE_WIRE, 0)
         lost = result.metrics["lost_samples"].value
         stalled = counts["late"] + counts["timeouts"] + counts["overruns"]

@@ -204,7 +204,7 @@ def test_a_recording_becomes_a_set_that_a_run_accepts(still, tmp_path, identify)
         out=tmp_path / "out",
         report=False,
     )
-    used = result.metadata["parts"]["filter"]["start_values"]
+    used = result.metadata.parts["filter"]["start_values"]
     assert used["output.weights[3]"] == values["output.weights[3]"].value
 
 

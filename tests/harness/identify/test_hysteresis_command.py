@@ -89,7 +89,7 @@ def test_a_run_accepts_the_set(recording, tmp_path, identify):
         out=tmp_path / "out",
         report=False,
     )
-    used = result.metadata["parts"]["stack"]["start_values"]
+    used = result.metadata.parts["stack"]["start_values"]
     assert used["weights[1]"] == read_ssv(out)["weights[1]"].value
     assert len(used) == Hysteresis.size()
 

@@ -114,19 +114,19 @@ to = "b.on"
     assert (result.signals("b.y") == 10.0).all()
     assert (result.signals("a.off") == 1.0).all()
     assert (result.signals("b.off") == 0.0).all()
-    assert result.metadata["parts"]["b"]["start_values"]["w[2]"] == 2.0
+    assert result.metadata.parts["b"]["start_values"]["w[2]"] == 2.0
     assert result.table.schema.field("b.off").type == "bool"
     assert result.table.schema.field("b.count").type == "int32"
 
 
 def test_each_part_gets_its_own_seed_from_the_scenarios(write_scenario, tmp_path):
     path = write_scenario(TWO.replace("[part.early]", "[part.early]\nseed = 7"))
-    first = run(path, tmp_path).metadata["parts"]
-    other = run(path, tmp_path, overrides={"seed": 2}).metadata["parts"]
+    first = run(path, tmp_path).metadata.parts
+    other = run(path, tmp_path, overrides={"seed": 2}).metadata.parts
     assert first["early"]["seed"] == other["early"]["seed"] == 7
     assert first["late"]["seed"] != other["late"]["seed"]
     assert 0 <= first["late"]["seed"] <= 1000
-    assert run(path, tmp_path).metadata["parts"] == first
+    assert run(path, tmp_path).metadata.parts == first
 
 
 @each_tick

@@ -174,5 +174,5 @@ def test_a_tick_is_faster_than_that_of_a_plain_loop(tmp_path):
         loop.run(ticks)
         plain.append(time.perf_counter() - begun)
         result = steadytip.run("closed_loop", overrides=overrides, out=tmp_path, report=False)
-        own.append(result.metadata["wall"])
+        own.append(result.metadata.wall)
     assert min(plain) > 3 * min(own)

@@ -56,8 +56,8 @@ def test_signals_are_the_same_bit_for_bit(write_scenario: WriteScenario, tmp_pat
     alone = run(write_scenario(pair(isolate=False)), tmp_path)
     apart = run(write_scenario(pair(isolate=True)), tmp_path)
     assert alone.table.equals(apart.table)
-    assert apart.metadata["parts"]["bad"]["isolated"]
-    assert not alone.metadata["parts"]["bad"]["isolated"]
+    assert apart.metadata.parts["bad"]["isolated"]
+    assert not alone.metadata.parts["bad"]["isolated"]
 
 
 @pytest.mark.parametrize("flavour", ["native", "python"])

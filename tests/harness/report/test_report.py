@@ -42,7 +42,7 @@ def test_a_report_shows_everything_that_the_loop_has(closed_loop):
     for name, metric in closed_loop.metrics.items():
         assert f"<code>{name}</code>" in page
         assert metric.definition.split("|")[0][:30].replace("'", "&#39;") in page
-    for part in closed_loop.metadata["parts"].values():
+    for part in closed_loop.metadata.parts.values():
         assert part["guid"] in page
         assert part["sha256"] in page
     assert "seconds = 5.0" in page  # the override

@@ -11,6 +11,7 @@ from harness.parts.ports import Column
 from harness.results.consistency import mean_interval
 from harness.results.metrics import angle_between, rotation_between
 from harness.results.recorder import Recorder
+from harness.results.run_metadata import RunMetadata
 
 STEP = 1e-3
 SECONDS = 4.0
@@ -34,13 +35,13 @@ def recorded(tmp_path):
             Column(name, "Boolean" if values.dtype == bool else "Real", "", "")
             for name, values in signals.items()
         ]
-        metadata = {
-            "step": step,
-            "settle": settle,
-            "parts": {"hand": {}, "filter": {}},
-            "roles": roles or {},
-            "innovation_sizes": sizes or {},
-        }
+        metadata = RunMetadata(
+            step_size=step,
+            warm_up=settle,
+            parts={"hand": {}, "filter": {}},
+            roles=roles or {},
+            innovation_sizes=sizes or {},
+        )
         recorder = Recorder(tmp_path, columns, step, metadata)
         for row in np.column_stack(list(signals.values())).astype(float):
             recorder.append(row)

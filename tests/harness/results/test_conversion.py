@@ -117,8 +117,8 @@ def test_a_file_of_signals_says_what_run_it_is_and_when_it_began(converted):
         assert mdf.header.start_time.timestamp() == pytest.approx(1e-6 * BEGUN + 250e-6, abs=2e-6)
         text = xml.unescape(mdf.header.comment, {"&quot;": '"'})
     metadata = json.loads(text[text.index("{") : text.rindex("}") + 1])
-    assert metadata["title"] == result.metadata["title"]
-    assert metadata["hil"]["counts"] == result.metadata["hil"]["counts"]
+    assert metadata["title"] == result.metadata.title
+    assert metadata["hil"]["counts"] == result.metadata.hil["counts"]
 
 
 def test_python_can_reads_every_frame_back(converted):

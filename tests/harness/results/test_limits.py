@@ -66,7 +66,7 @@ def test_limits_take_the_place_of_what_is_asked_for_otherwise(tmp_path):
     allowed = at_most(unknown=1000.0)
     assert failures(record(tmp_path, fault, ticks=500, hil={"limits": allowed})) == {}
     narrow = record(tmp_path, fault, ticks=500, hil={"limits": at_most(unknown=3.0)})
-    count = narrow.metadata["hil"]["counts"]["unknown"]
+    count = narrow.metadata.hil["counts"]["unknown"]
     assert failures(narrow) == {"unknown": f"unknown is {count}; it has to be at most 3"}
 
 
@@ -116,7 +116,7 @@ def test_a_run_that_ended_early_or_a_board_that_did_is_not_good(tmp_path):
 def test_a_loop_without_a_bus_is_judged_by_how_it_ended_and_by_its_limits(tmp_path):
     result = record(tmp_path, ticks=50, parts={}, hil={"limits": at_most(real_time_factor=2.0)})
     for key in ("counts", "messages", "events"):
-        result.metadata["hil"].pop(key)
+        result.metadata.hil.pop(key)
     names = [each.name for each in judge(result)]
     assert names == ["ended in order", "board and log ended in order", "real_time_factor"]
     assert failures(result) == {}
@@ -240,7 +240,7 @@ def test_a_rig_that_nobody_watches(tmp_path):
     bad = {case.get("name") for case in suite if case.find("failure") is not None}
     assert {"crc", "bus_load"} <= bad
     assert not {"ended in order", "board and log ended in order", "length", "unknown"} & bad
-    metadata = st.read(tmp_path / "out").metadata["hil"]
+    metadata = st.read(tmp_path / "out").metadata.hil
     assert metadata["injected"] == {"faults": ["corrupt:0.05@1-2"], "seed": 0}
     assert json.dumps(metadata["limits"]) == '{"bus_load": {"min": null, "max": 1.0}}'
     page = re.sub(

@@ -22,6 +22,7 @@ from harness.common.errors import RecordError
 from harness.parts.ports import Column
 from harness.recordings.run_record import ARROW_TYPES, values_of
 from harness.results.recorder import CHUNK, Recorder
+from harness.results.run_metadata import RunMetadata
 
 ROOT = Path(__file__).parents[3]
 ONE = "[part.a]\nfmu = PROBE\n[part.b]\nfmu = PROBE\nu = 0.1\ngain = 3.0\n"
@@ -33,7 +34,7 @@ COLUMNS = (
 
 
 def recorded(folder: Path, ticks: int) -> Recorder:
-    recorder = Recorder(folder, COLUMNS, 1e-3, {"title": "t"})
+    recorder = Recorder(folder, COLUMNS, 1e-3, RunMetadata(step_size=1e-3, title="t"))
     for k in range(ticks):
         recorder.append(np.array([0.1 * k, k, k % 2]))
     return recorder
@@ -49,14 +50,14 @@ def check(result: steadytip.Result, ticks: int) -> None:
 
 @pytest.mark.parametrize("ticks", [0, 1, CHUNK - 1, CHUNK, CHUNK + 1, 3 * CHUNK + 7])
 def test_every_tick_is_in_the_record_with_units(ticks, tmp_path):
-    file = recorded(tmp_path, ticks).finish({"title": "t", "error": None})
+    file = recorded(tmp_path, ticks).finish(RunMetadata(step_size=1e-3, title="t"))
     assert file == tmp_path / "results.parquet"
     assert not (tmp_path / "results.arrows").exists()
     for path in (tmp_path, file):
         result = steadytip.read(path)
         check(result, ticks)
         assert result.units == {"time": "s", "a.y": "m", "a.n": "", "a.on": ""}
-        assert result.metadata["title"] == "t"
+        assert result.metadata.title == "t"
 
 
 def test_the_stream_can_be_read_while_the_run_goes_on_and_when_it_is_cut_off(tmp_path):
@@ -80,7 +81,7 @@ def test_signals_are_read_as_they_are_asked_for_but_of_a_growing_record_at_once(
     for _ in range(CHUNK):
         recorder.append(np.zeros(3))
     assert len(growing.signals("a.y")) == CHUNK
-    recorder.finish({})
+    recorder.finish(RunMetadata(step_size=1e-3))
     whole = steadytip.read(tmp_path)
     assert len(whole.signals("a.y")) == len(whole.time) == 2 * CHUNK
     assert "table" not in vars(whole)
@@ -88,12 +89,12 @@ def test_signals_are_read_as_they_are_asked_for_but_of_a_growing_record_at_once(
 
 
 def test_a_new_run_clears_what_an_older_one_left(tmp_path):
-    recorded(tmp_path, 10).finish({})
+    recorded(tmp_path, 10).finish(RunMetadata(step_size=1e-3))
     (tmp_path / "report.html").write_text("old")
     (tmp_path / "mine.txt").write_text("stays")
     recorder = recorded(tmp_path, 5)
     assert {p.name for p in tmp_path.iterdir()} == {"results.arrows", "mine.txt"}
-    recorder.finish({})
+    recorder.finish(RunMetadata(step_size=1e-3))
     check(steadytip.read(tmp_path), 5)
 
 
@@ -111,12 +112,12 @@ def test_csv_has_units_in_its_header_and_every_digit(write_scenario, tmp_path):
 def test_a_record_tells_all_that_is_needed_to_repeat_the_run(write_scenario, tmp_path, probe):
     result = steadytip.run(write_scenario(ONE), out=tmp_path / "out", report=False)
     metadata = steadytip.read(result.path).metadata
-    assert metadata["parts"]["a"]["guid"] == "probe-1"
-    assert len(metadata["parts"]["a"]["sha256"]) == 64
-    assert metadata["texts"][0][0] == "case.toml"
-    assert metadata["step"] == 1e-3
-    assert metadata["ticks"] == 1000
-    assert "fmpy" in metadata["versions"]
+    assert metadata.parts["a"]["guid"] == "probe-1"
+    assert len(metadata.parts["a"]["sha256"]) == 64
+    assert metadata.texts[0][0] == "case.toml"
+    assert metadata.step_size == 1e-3
+    assert metadata.ticks == 1000
+    assert "fmpy" in metadata.versions
     metrics = json.loads((result.path / "metrics.json").read_text())
     assert set(metrics["real_time_factor"]) == {"value", "unit", "definition"}
 
@@ -200,7 +201,7 @@ def test_a_killed_process_leaves_everything_but_its_last_chunk(write_scenario, t
     assert len(result.time) >= 3 * CHUNK
     assert len(result.time) % CHUNK == 0
     assert np.array_equal(result.signals("a.count"), np.arange(1, len(result.time) + 1))
-    assert result.metadata["parts"]["a"]["guid"] == "probe-1"
+    assert result.metadata.parts["a"]["guid"] == "probe-1"
 
 
 def test_what_is_no_record_is_refused(tmp_path):
@@ -215,16 +216,16 @@ def test_what_is_no_record_is_refused(tmp_path):
 
 def test_brackets_in_names_are_no_pattern(tmp_path):
     columns = [Column(f"a.w[{i}]", "Real", "", "") for i in (1, 2)]
-    recorder = Recorder(tmp_path, columns, 1e-3, {})
+    recorder = Recorder(tmp_path, columns, 1e-3, RunMetadata(step_size=1e-3))
     recorder.append(np.array([1.0, 2.0]))
-    recorder.finish({})
+    recorder.finish(RunMetadata(step_size=1e-3))
     result = steadytip.read(tmp_path)
     assert result.signals("a.w[2]") == [2.0]
     assert result.signals("a.w[?]").tolist() == [[1.0, 2.0]]
 
 
 def test_an_unknown_signal_is_answered_with_the_nearest(tmp_path):
-    recorded(tmp_path, 3).finish({})
+    recorded(tmp_path, 3).finish(RunMetadata(step_size=1e-3))
     with pytest.raises(SteadytipError, match=r"no signal 'a\.yy'; did you mean 'a\.y'\?"):
         steadytip.read(tmp_path).signals("a.yy")
 

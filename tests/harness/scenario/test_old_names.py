@@ -78,4 +78,4 @@ def test_a_record_with_roles_of_before_is_read(tmp_path) -> None:
     parquet.write_table(table.cast(schema), path)
     old_result = st.read(path)
     assert (old_result.role("tip_uncompensated") == result.role("tip_uncompensated")).all()
-    assert set(old_result.metadata["roles"]) == set(result.metadata["roles"])
+    assert set(old_result.metadata.roles) == set(result.metadata.roles)

@@ -53,8 +53,8 @@ def test_settings_of_a_run(call, write_scenario: WriteScenario, tmp_path):
     )
     assert (code, out) == (0, "")
     metadata = st.read(tmp_path / "out").metadata
-    assert metadata["step"] == 0.01
-    assert metadata["parts"]["a"]["start_values"]["gain"] == 3
+    assert metadata.step_size == 0.01
+    assert metadata.parts["a"]["start_values"]["gain"] == 3
     assert (tmp_path / "out" / "results.csv").is_file()
     assert (tmp_path / "out" / "report.html").is_file()
 

@@ -156,7 +156,7 @@ def test_the_plant_moves_as_in_the_harness(tool, own, run_in):
 
 @pytest.mark.parametrize("tool", TOOLS)
 def test_the_figures_are_those_of_the_harness(tool, own, run_in):
-    reached = figures(run_in(available(tool), "told"), own.metadata["settle"])
+    reached = figures(run_in(available(tool), "told"), own.metadata.warm_up)
     for name, within in FIGURES.items():
         value = own.metrics[name].value
         print(f"{tool}: {name} {reached[name]:.2f}, harness {value:.2f}")
@@ -167,7 +167,7 @@ def test_the_figures_are_those_of_the_harness(tool, own, run_in):
 @pytest.mark.parametrize("tool", TOOLS)
 def test_a_controller_that_is_not_told_cancels_tremor_there_too(tool, own, run_in):
     """What 3 ms make out of the loop; more or less than in the harness, as the tremor has it."""
-    reached = figures(run_in(available(tool), "plain"), own.metadata["settle"])
+    reached = figures(run_in(available(tool), "plain"), own.metadata.warm_up)
     for name in FIGURES:
         print(
             f"{tool}, not told: {name} {reached[name]:.2f}, harness {own.metrics[name].value:.2f}"

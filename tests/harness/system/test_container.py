@@ -58,8 +58,8 @@ def test_the_whole_loop_fused_is_the_loop_bit_for_bit(unfused, tmp_path) -> None
     for name, metric in unfused.metrics.items():
         if name != "real_time_factor":
             assert whole.metrics[name] == metric
-    assert whole.metadata["fused"]
-    assert whole.metadata["parts"] == unfused.metadata["parts"]
+    assert whole.metadata.fused
+    assert whole.metadata.parts == unfused.metadata.parts
 
 
 def test_values_of_the_scenario_reach_the_members(tmp_path) -> None:
