@@ -39,7 +39,7 @@ class HilSession(Protocol):
 
     @property
     def pace(self) -> RealTimeClock:
-        """Of the ticks."""
+        """Clock of the ticks."""
 
     @property
     def observe(self) -> Callable[[FloatArray], None] | None:

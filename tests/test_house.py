@@ -157,3 +157,15 @@ def test_links_of_the_pages_lead_somewhere() -> None:
             if "://" not in target and not (page.parent / target).exists():
                 dead.append(f"{page.name}: {target}")
     assert not dead
+
+
+def test_docstrings_of_functions_start_with_a_verb_or_a_noun() -> None:
+    """Ruff's D401 sees most; what it lets pass are questions."""
+    questions = re.compile(r"(What|Whether|Of|Where|How|Which|Why|When|All|Nothing|The same)\b")
+    found = [
+        f"{path}: {node.name}"
+        for path, tree in modules().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef) and questions.match(ast.get_docstring(node) or "")
+    ]
+    assert not found

@@ -190,7 +190,7 @@ def arrival(x: Tracked, past: Any, attitude: Any, new: Any, age: Any, T: float) 
 
 
 def of_unit_length(attitude: Any) -> tuple[Any, Any]:
-    """Whether four numbers pass for an attitude, and their unit quaternion, (4,)."""
+    """Return whether four numbers pass for an attitude, and their unit quaternion, (4,)."""
     length = ca.sqrt(ca.sumsqr(attitude) + NOTHING)
     return ca.logic_and(length > 0.9, length < 1.1), attitude / ca.fmax(length, 0.1)
 

@@ -394,7 +394,7 @@ def tracker_residual(x: Any, u: Any) -> Any:
 
 
 def levelled(x: Any, z: Any, turn: Any, force: Any) -> Any:
-    """Whether the tracker's attitude has its vertical where the specific force is.
+    """Return whether the tracker's attitude has its vertical where the specific force is.
 
     Args:
         x: nominal state, stacked.
@@ -439,7 +439,7 @@ def gather(x: Any, u: Any, turn: Any, sample: Any, rate: Any, noise: Any, T: flo
 
 
 def accelerating(q: Any, force: Any, noise: Any, h: Any, x: Any) -> Acceleration:
-    """How much the specific force in W departs from its slow mean.
+    """Measure how much the specific force in W departs from its slow mean.
 
     Args:
         q: attitude.
@@ -456,7 +456,7 @@ def accelerating(q: Any, force: Any, noise: Any, h: Any, x: Any) -> Acceleration
 
 
 def disturbance(site: Any, q: Any, field: Any) -> Any:
-    """Whether strength or dip of a field are not those of the site.
+    """Return whether strength or dip of a field are not those of the site.
 
     Args:
         site: strength [T] and dip [rad], and how far a field may depart from them, (4,).

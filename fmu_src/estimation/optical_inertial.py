@@ -255,7 +255,7 @@ class Out(Outputs):
 
 
 def arrived(u: Any, before: Any) -> tuple[Any, Any]:
-    """Whether a pose arrives that is one, and not the one before once more; and the pose (7,).
+    """Return whether a new pose arrives that is one, and the pose (7,).
 
     Args:
         u: inputs `optical_position`, `optical_attitude` and `optical_new`.
@@ -683,7 +683,7 @@ def _start(p: Params, z: Any) -> Any:
 
 
 def _start_variance(p: Params) -> Any:
-    """Of the errors at the first pose, (n,)."""
+    """Return the variance of the errors at the first pose, (n,)."""
     unit, mounting, tracker = p.inertial, p.mounting, p.tracker
     return (
         SPACE.diagonal(

@@ -55,7 +55,7 @@ class Space:
 
     @property
     def places(self) -> dict[str, slice]:
-        """Where the error of each field stands."""
+        """Place of each field's error."""
         return {name: part.error for name, part in self.parts.items()}
 
     def only(self, fields: Collection[str]) -> "Space":
@@ -63,7 +63,7 @@ class Space:
         return Space(self.record, *self._rotations, fields=fields)
 
     def errors(self, fields: Collection[str]) -> list[int]:
-        """Where the errors of some fields stand in that of the state."""
+        """Return the places of some fields' errors in that of the state."""
         places = (part.error for name, part in self.parts.items() if name in fields)
         return [i for place in places for i in range(place.start, place.stop)]
 
@@ -225,7 +225,7 @@ def at_zero(expression: Any, e: Any) -> Any:
 
 
 def bends(J: Any, e: Any) -> tuple[list[int], list[int]]:
-    """Which errors bend a function of the Jacobian J, and which others it depends on.
+    """Find the errors that bend a function of the Jacobian J, and the others it depends on.
 
     While the first ones are zero, the function is straight in the second. It may have kinks, but no
     steps: a Jacobian does not tell of those.

@@ -182,13 +182,13 @@ class Unscented:
         return Corrected(_moved(space, x, K @ r), _symmetric(P - K @ S @ K.T), r, squared)
 
     def _mean(self, images: Any) -> Any:
-        """Of all points, from the images of those that were taken, (m, 1)."""
+        """Return the mean of all points, from the images of those that were taken, (m, 1)."""
         each = 0.5 / self.scale**2
         count = images.shape[1] - 1
         return (1 - count * each) * images[:, 0] + each * ca.sum2(images[:, 1:])
 
     def _covariance(self, apart: Any, points: "_Points") -> tuple[Any, Any]:
-        """Of the images, (m, m), and between the errors of the state and them, (n, m).
+        """Return the covariance of the images, (m, m), and with the errors of the state, (n, m).
 
         Args:
             apart: images less their mean, (m, 1 + 2 bent).

@@ -108,7 +108,7 @@ class Container(Model):
 
     @property
     def documentation(self) -> str:
-        """What is inside and who drives whom."""
+        """Text on the parts inside and the wires between them."""
         inside = [f"| `{m.name}` | {m.model.name} | {m.model.summary} |" for m in self.members]
         wires = [
             f"| `{'.'.join(link.source)}` | `{'.'.join(link.target)}` | {link.delay or ''} |"
@@ -148,7 +148,7 @@ class Container(Model):
 
     @property
     def starts_apart(self) -> bool:
-        """Whether initialisation is anything else than a tick: several samples, or delays."""
+        """True if initialisation is anything else than a tick: several samples, or delays."""
         delayed = any(link.delay for link in self.links)
         return delayed or any(self.rate(member) > 1 for member in self.members)
 
@@ -163,7 +163,7 @@ class Container(Model):
 
     @cached_property
     def slices(self) -> list[Slices]:
-        """Of each member."""
+        """Slices of each member."""
         found = []
         p = d = x = y = r = 0
         for member in self.members:
@@ -181,7 +181,7 @@ class Container(Model):
 
     @cached_property
     def lines(self) -> dict[tuple[str, str], tuple[int, int, int]]:
-        """Of each delayed output: its place in y, the first in x, and for how many ticks."""
+        """Place in y, first place in x, and ticks, of each delayed output."""
         outputs = self._output_places()
         found = {}
         at = self.slices[-1].x.stop
@@ -200,7 +200,7 @@ class Container(Model):
 
     @cached_property
     def sources(self) -> list[list[Source]]:
-        """Of every input of each member, in its order."""
+        """Sources of every input of each member, in its order."""
         outputs = self._output_places()
         links = {link.target: link for link in self.links}
         places = {scalar.name: place for place, scalar in enumerate(self.inputs.scalars())}
@@ -227,7 +227,7 @@ class Container(Model):
 
     @cached_property
     def start_function(self) -> ca.Function:
-        """What initialisation shows: the first sample of every member, nothing delayed yet."""
+        """Function of initialisation: the first sample of every member, nothing delayed yet."""
         return self._recorded("start", lambda member: 1, starting=True)
 
     def _recorded(self, name: str, rate: Callable[[Member], int], starting: bool) -> ca.Function:

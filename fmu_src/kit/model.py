@@ -78,13 +78,13 @@ class Model:
         return self.documentation.partition("\n")[0].rstrip(".")
 
     def operations(self, function: ca.Function) -> str:
-        """How many operations one of the recorded functions has, and whether of whole matrices."""
+        """Count the operations of a recorded function, and say whether of whole matrices."""
         kind = "matrix operations" if self.matrix else "operations"
         return f"{function.n_instructions()} {kind}"
 
     @property
     def starts_apart(self) -> bool:
-        """Whether what initialisation shows is anything else than a step."""
+        """True if initialisation shows anything else than a step."""
         return False
 
     @property
@@ -94,7 +94,7 @@ class Model:
 
     @property
     def streams(self) -> list[tuple[int, int]]:
-        """Where the draws of a sample come from: place of the seed among parameters, how many."""
+        """Noise draws of a sample: place of the seed among parameters, how many."""
         if not self.draws:
             return []
         names = [scalar.name for scalar in self.parameters.scalars()]
@@ -132,7 +132,7 @@ class Model:
 
     @property
     def start_function(self) -> ca.Function:
-        """What initialisation shows, with the arguments and results of a step."""
+        """Function of initialisation, with the arguments and results of a step."""
         return self.step_function
 
     @cached_property
@@ -166,7 +166,7 @@ class Model:
 
     @cached_property
     def variables(self) -> dict[str, list[Scalar]]:
-        """All scalars by FMI causality, in the order of the value references."""
+        """Scalars by FMI causality, in the order of the value references."""
         return {
             "parameter": list(self.parameters.scalars()),
             "calculatedParameter": list(self.derived.scalars()),

@@ -193,7 +193,7 @@ class Record:
 
     @classmethod
     def scalars(cls, prefix: str = "") -> Iterator[Scalar]:
-        """Every element of every field, in the order in which `pack` stacks them."""
+        """Yield every element of every field, in the order in which `pack` stacks them."""
         for name, field in cls.fields.items():
             if isinstance(field, Field):
                 for index, start in enumerate(field.start):

@@ -53,7 +53,7 @@ class BoardClock:
 
     @property
     def is_locked(self) -> bool:
-        """Whether there has been a sample."""
+        """True once there has been a sample."""
         return self._seen > 0
 
     @property
@@ -109,7 +109,7 @@ class BoardClock:
         self._note(sample, time)
 
     def predict(self, sample: int) -> float:
-        """When a sample arrives [us]."""
+        """Predict when a sample arrives [us]."""
         return self._time + (sample - self._sample) * self.period
 
     def at(self, time: float) -> int:

@@ -441,7 +441,7 @@ class ControllerNode:
 
     @property
     def valid(self) -> bool:
-        """Whether the held sample may be used."""
+        """True if the held sample may be used."""
         return not self.fault
 
     def command(self, wanted: Sequence[float]) -> bytes | None:

@@ -89,7 +89,7 @@ class Signal:
 
     @property
     def is_whole(self) -> bool:
-        """Whether its values are integers without a unit."""
+        """True if its values are integers without a unit."""
         return self.scale == 1.0 and self.offset == 0.0 and not self.unit
 
 
@@ -161,7 +161,7 @@ class Database:
 
     @property
     def is_fd(self) -> bool:
-        """Whether any frame is one of CAN FD."""
+        """True if any frame is one of CAN FD."""
         return any(m.is_fd for m in self.messages)
 
     def seconds(self, message: Message) -> float:

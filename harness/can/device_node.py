@@ -142,7 +142,7 @@ class DeviceNode:
 
     @property
     def is_commanded(self) -> bool:
-        """Whether there is a good command."""
+        """True if there is a good command."""
         return self._command is not None and self._asked(self._command)[0] is not None
 
     def _asked(self, command: ReceivedMessage) -> tuple[list[float] | None, int]:

@@ -80,7 +80,7 @@ class InjectedFault:
     end: float = math.inf
 
     def covers(self, time: float) -> bool:
-        """Whether it may happen at a time [s]."""
+        """Return whether it may happen at a time [s]."""
         return self.start <= time < self.end
 
     def __str__(self) -> str:

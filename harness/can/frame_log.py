@@ -129,7 +129,7 @@ class Entry:
 
     @property
     def was_sent(self) -> bool:
-        """Whether this end of the bus sent the frame."""
+        """True if this end of the bus sent the frame."""
         return self.tick is None and not self.message.is_rx
 
 

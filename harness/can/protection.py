@@ -62,7 +62,7 @@ class Counter:
 
     @property
     def in_sequence(self) -> bool:
-        """Whether two good frames have followed the last wrong sequence."""
+        """True once two good frames have followed the last wrong sequence."""
         return self._to_sync == 0
 
     def take(self, counter: int) -> CheckStatus:
@@ -85,6 +85,6 @@ class Counter:
         return CheckStatus.OK_SOME_LOST if self.lost else CheckStatus.OK
 
     def silence(self) -> None:
-        """Nothing came within the timeout: the next frames have to prove themselves."""
+        """Note that nothing came within the timeout: the next frames have to prove themselves."""
         if self._last is not None:
             self._to_sync = _TO_SYNC

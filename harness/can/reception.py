@@ -195,7 +195,7 @@ class Reception:
 
     @property
     def has_samples(self) -> bool:
-        """Whether anybody sends samples."""
+        """True if anybody sends samples."""
         return bool(self._parts)
 
     @property
@@ -281,7 +281,7 @@ class Reception:
 
     @property
     def fault(self) -> str:
-        """Why values are not to be used, one of `FAULTS`; empty if they are."""
+        """Reason why values are not to be used, one of `FAULTS`; empty if they are."""
         for heard in self.heard.values():
             if heard.message.role == "heartbeat":
                 if heard.silent or (heard.values and heard.values[0] != OPERATIONAL):
@@ -385,7 +385,7 @@ class Reception:
         self._anew = False
 
     def _number_of(self, counter: int, time: int, values: tuple[float, ...]) -> int | None:
-        """Of a complete sample; None if it cannot be told."""
+        """Return the number of a complete sample; None if it cannot be told."""
         if self._numbered is not None:
             number = int(values[self._numbered])
             if self._number is not None and self._number - number > _FAR:

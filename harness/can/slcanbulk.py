@@ -118,7 +118,7 @@ class _Port(Protocol):
         """Return the bytes that are there; empty: nothing."""
 
     def write(self, data: bytes) -> int:
-        """How many bytes were taken."""
+        """Write as many bytes as the port takes, and return how many."""
 
     def wait(self, seconds: float, to_write: bool) -> None:
         """Until there is something to read, perhaps room to write, or the time is over."""
@@ -470,7 +470,7 @@ class SlcanBulkBus(Transport):
             self._write(line)
 
     def _has_room(self, size: int, deadline: float) -> bool:
-        """Whether so many bytes more may wait, at the latest at `deadline`."""
+        """Return whether so many bytes more may wait, at the latest at `deadline`."""
         while len(self._out) + size > _WAITING_BYTES:
             self._pump()  # a device may learn here that nobody is there any more
             self._flush()
@@ -656,7 +656,7 @@ class SlcanBulkBus(Transport):
 
 
 def _has_handle(port: Any) -> bool:
-    """Whether a port of pyserial is a file to the system; loop:// is none, nor is COM3."""
+    """Return whether a port of pyserial is a file to the system; loop:// is none, nor is COM3."""
     try:
         return os.name == "posix" and port.fileno() >= 0
     except OSError:

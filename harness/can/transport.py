@@ -40,7 +40,7 @@ WAITING_FRAMES = 4096
 
 
 def is_bus_off(message: can.Message) -> bool:
-    """Whether a message is the error frame of a controller that has left the bus."""
+    """Return whether a message is the error frame of a controller that has left the bus."""
     return message.is_error_frame and bool(message.arbitration_id & BUS_OFF)
 
 

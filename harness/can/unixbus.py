@@ -71,7 +71,7 @@ class _Peer:
             raise
 
     def offer(self, frame: bytes) -> bool:
-        """Whether the node's socket took a frame."""
+        """Offer a frame to the node's socket, and return whether it took it."""
         try:
             self.socket.send(frame)
         except OSError as error:
@@ -201,7 +201,7 @@ class UnixBus(Transport):
                 self._forget(path)
 
     def _forget(self, path: str) -> None:
-        """Of a node that is dead, or has left: its socket in the folder, and ours to it."""
+        """Remove the socket of a node that is dead or has left, and ours to it."""
         peer = self._peers.pop(path, None)
         if peer is not None:
             peer.socket.close()

@@ -41,7 +41,7 @@ class VoltageRamp:
 
     @property
     def is_at_rest(self) -> bool:
-        """Whether all voltages are those of rest, and not by following."""
+        """True if all voltages are those of rest, and not by following."""
         return not self._follows and all(v == REST for v in self.volts)
 
     def step(self, wanted: Sequence[float] | None) -> list[float]:

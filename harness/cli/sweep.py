@@ -110,7 +110,7 @@ def sweep(
 
 
 def _varied(texts: Sequence[str]) -> dict[str, Any]:
-    """All of `--vary`, by key."""
+    """Return all of `--vary`, by key."""
     from fmu_src.errors import SteadytipError
 
     found: dict[str, Any] = {}

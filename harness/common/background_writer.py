@@ -60,15 +60,15 @@ class BackgroundFile(io.RawIOBase):
             raise self._error
 
     def writable(self) -> bool:
-        """Return True."""
-        return True
-
-    def seekable(self) -> bool:
         """Return True, as Arrow asks before it writes."""
         return True
 
+    def seekable(self) -> bool:
+        """Return True: a place can be sought before it is written."""
+        return True
+
     def tell(self) -> int:
-        """Where the next byte goes."""
+        """Return the place of the next byte."""
         return self._at
 
     def seek(self, offset: int, whence: int = io.SEEK_SET) -> int:

@@ -11,7 +11,7 @@ __all__ = ["is_path", "reason", "replacing", "write_text"]
 
 
 def is_path(value: str) -> bool:
-    """Whether a kind's value is a file; a bare word is a name, as in `fmu = "Hand"`.
+    """Return whether a kind's value is a file; a bare word is a name, as in `fmu = "Hand"`.
 
     >>> is_path("Hand"), is_path("Hand.fmu"), is_path("fmus/Hand")
     (False, True, True)

@@ -54,7 +54,7 @@ class Monitor:
 
     @property
     def pid(self) -> int:
-        """Of the process."""
+        """Identifier of the process."""
         return self._process.pid
 
     def close(self) -> None:

@@ -74,7 +74,7 @@ class Pulse:
     """Tells from a ring's count whether its writer lives: it does while the count rises."""
 
     def __init__(self) -> None:
-        """Nothing has been seen yet."""
+        """Begin with nothing seen."""
         self._written: int | None = None
         self._since = 0.0
         self._risen = False
@@ -219,7 +219,7 @@ class View:
 
 
 def fresh(sample: FloatArray) -> tuple[IntArray, IntArray]:
-    """Where new samples are among a column of their numbers.
+    """Find new samples among a column of their numbers.
 
     Args:
         sample: (n,), the number held until the next; negative or not a number: none.
@@ -249,7 +249,7 @@ def joined(numbers: Sequence[IntArray]) -> tuple[IntArray, list[IntArray]]:
 
 
 def histogram(latency: FloatArray) -> tuple[FloatArray, IntArray]:
-    """How many commands took how long; the last bin holds those beyond, too.
+    """Count how many commands took how long; the last bin holds those beyond, too.
 
     Args:
         latency: (n,) [s].

@@ -158,7 +158,7 @@ class _Newest:
         self._figures: tuple[list[int], list[dict[str, Any]]] = ([], [])
 
     def answer(self, drawn: list[int] | None) -> tuple[Any, ...]:
-        """All outputs of the callback.
+        """Return all outputs of the callback.
 
         Args:
             drawn: curves in each figure that the page has.

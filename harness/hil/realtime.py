@@ -60,7 +60,7 @@ def cpu_times() -> tuple[int, int] | None:
 
 
 def _threads() -> list[int]:
-    """Of this process, by the kernel's numbers."""
+    """Return the threads of this process, by the kernel's numbers."""
     return [int(entry.name) for entry in _TASKS.iterdir()]
 
 

@@ -54,7 +54,7 @@ class Replay:
 
     @property
     def is_identical(self) -> bool:
-        """Whether everything came out as before, bit for bit."""
+        """True if everything came out as before, bit for bit."""
         return not self.differing and not self.changed
 
 

@@ -66,7 +66,7 @@ _LOOK = 0.02  # s between two looks for a file that is waited for
 
 
 def memory_folder() -> Path:
-    """Where rings belong: a folder in memory, where a disk cannot make the writer wait."""
+    """Return a folder in memory for rings, where a disk cannot make the writer wait."""
     shared = Path("/dev/shm")
     return shared if os.access(shared, os.W_OK) else Path(tempfile.gettempdir())
 
@@ -169,7 +169,7 @@ class Ring:
 
     @property
     def names(self) -> tuple[str, ...]:
-        """Of the columns."""
+        """Names of the columns."""
         return tuple(column.name for column in self.columns)
 
     @property
@@ -179,7 +179,7 @@ class Ring:
 
     @property
     def closed(self) -> bool:
-        """Whether the writer has said that no more rows follow."""
+        """True once the writer has said that no more rows follow."""
         return bool(self._words[_CLOSED])
 
     def latest(self, n: int, columns: Sequence[int] | None = None) -> tuple[IntArray, FloatArray]:
@@ -233,5 +233,5 @@ def no_ring(path: Path, wait: float) -> SteadytipError:
 
 
 def _rows_at(length: int) -> int:
-    """Where the rows begin behind a JSON text of that length [bytes]."""
+    """Return the place where the rows begin behind a JSON text of that length [bytes]."""
     return -(-(_HEADER.itemsize + length) // _PAGE) * _PAGE

@@ -104,7 +104,7 @@ def loop_figures(
 
 
 def pacing_figures(priority: int, seconds: float) -> list[Figure]:
-    """How late a loop at 1 kHz comes back from waiting for an instant.
+    """Measure how late a loop at 1 kHz comes back from waiting for an instant.
 
     Args:
         priority: of the thread; 0: an ordinary one.
@@ -161,7 +161,7 @@ def _codec(database: Database, message: Message) -> Iterator[Figure]:
 
 
 def _words(conditions: dict[str, Any]) -> str:
-    """How a thread was scheduled, and what the machine took meanwhile."""
+    """Describe how a thread was scheduled, and what the machine took meanwhile."""
     thread = f"SCHED_FIFO {conditions['priority']}" if conditions["priority"] else "ordinary thread"
     reason = f" ({conditions['reason']})" if conditions["reason"] else ""
     stolen = conditions["stolen"]

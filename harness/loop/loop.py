@@ -95,7 +95,7 @@ class SignalSink(Protocol):
         """
 
     def buffer(self) -> FloatArray:
-        """Where the next ticks go: (n, signals) in C order, n > 0. Nothing else writes there."""
+        """Return memory for the next ticks, (n, signals) in C order, n > 0, for the loop alone."""
 
     def commit(self, rows: int) -> None:
         """Record that many rows of `buffer`.

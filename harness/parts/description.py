@@ -88,7 +88,7 @@ class Description:
 
     @cached_property
     def variables(self) -> dict[str, Variable]:
-        """All scalar variables by name."""
+        """Scalar variables by name."""
         return {v.name: _variable(v) for v in self.model.modelVariables}
 
     @cached_property

@@ -246,7 +246,7 @@ class Instance:
 
     @property
     def worn(self) -> bool:
-        """Whether an error has left it in a state that nobody should go on from."""
+        """True if an error has left it in a state that nobody should go on from."""
         return self._status >= ERROR
 
     def reset(self) -> None:

@@ -170,7 +170,7 @@ class FmuPart:
 
     @property
     def worn(self) -> bool:
-        """Whether an error has left the FMU in a state that nobody should go on from."""
+        """True if an error has left the FMU in a state that nobody should go on from."""
         return isinstance(self._instance, Instance) and self._instance.worn
 
     def can_pause(self) -> bool:

@@ -40,7 +40,7 @@ _context = multiprocessing.get_context("spawn")
 
 
 def ending(code: int | None) -> str:
-    """How a process ended, from its exit code.
+    """Describe how a process ended, from its exit code.
 
     >>> ending(-11), ending(3)
     ('was ended by SIGSEGV', 'ended with exit code 3')

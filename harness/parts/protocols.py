@@ -138,7 +138,7 @@ class Reusable(Protocol):
     kept: bool
 
     def can_pause(self) -> bool:
-        """Whether a run can go on from its state by another `start`."""
+        """Return whether a run can go on from its state by another `start`."""
 
     def release(self) -> None:
         """Free what `close` has left."""
@@ -149,7 +149,7 @@ class Adjustable(Protocol):
     """A part some of whose parameters, and inputs that nothing drives, can be set in a run."""
 
     def trouble_with(self, name: str, value: Any) -> str:
-        """Why a value cannot be set in a run; empty if it can."""
+        """Return why a value cannot be set in a run; empty if it can."""
 
     def adjust(self, values: Mapping[str, Any]) -> None:
         """Set values, between two steps.

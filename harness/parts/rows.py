@@ -28,7 +28,7 @@ class RowsPart:
     def prepare(
         cls, settings: Mapping[str, Settings], progress: Callable[[str], None]
     ) -> Mapping[str, Settings]:
-        """Nothing has to be prepared."""
+        """Return the settings as they are; nothing has to be prepared."""
         return settings
 
     def advance(self, t: float, h: float) -> None:
@@ -44,7 +44,7 @@ class RowsPart:
         return OutputTable(self.rows)
 
     def release(self) -> None:
-        """Nothing has to be freed."""
+        """Free nothing."""
 
     def close(self) -> None:
-        """Nothing has to be freed."""
+        """Free nothing."""

@@ -71,7 +71,7 @@ class Consistency:
 
     @property
     def name(self) -> str:
-        """Of the metric, `part.nis` or `part.<quantity>_nees`."""
+        """Name of the metric, `part.nis` or `part.<quantity>_nees`."""
         return f"{self.part}.nis" if self.quantity is None else f"{self.part}.{self.quantity}_nees"
 
     @property
@@ -102,7 +102,7 @@ class Consistency:
 
     @property
     def verdict(self) -> str:
-        """Whether the mean is in its interval, or on which side it is, in words."""
+        """Place of the mean, in its interval or on which side of it, in words."""
         low, high = self.interval
         within = f"its {100 * LEVEL:g} % interval, {low:.3g} to {high:.3g}"
         if self.mean > high:

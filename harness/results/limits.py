@@ -127,5 +127,5 @@ def suite_of(name: str, judged: list[Judged], seconds: float) -> JunitSuite:
 
 
 def never_ran(why: str) -> list[Judged]:
-    """Of a run that ended before its first tick."""
+    """Return the suite of a run that ended before its first tick."""
     return [Judged("run", "ended in order", "no tick", why)]

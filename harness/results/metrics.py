@@ -132,7 +132,7 @@ def motion_of(result: RecordedSignals) -> Motion:
 
 
 def metrics_of(motion: Motion) -> dict[str, Metric]:
-    """All figures that the given signals allow, by name.
+    """Compute all figures that the given signals allow, by name.
 
     A figure is left out where a signal is missing, the record after `settle` is shorter than a
     second, or there is no tremor to be reduced.

@@ -103,7 +103,7 @@ class Recorder:
         self.commit(1)
 
     def buffer(self) -> FloatArray:
-        """Where rows of signals may be written, (n, len(columns)), n > 0; say then `took`."""
+        """Return memory for rows of signals, (n, len(columns)), n > 0; `commit` them then."""
         return self._chunk[self._filled :]
 
     def commit(self, rows: int) -> None:

@@ -52,7 +52,7 @@ class Result:
 
     @cached_property
     def table(self) -> pa.Table:
-        """All signals: `time` and `part.port`, units in the fields' metadata."""
+        """Signals: `time` and `part.port`, units in the fields' metadata."""
         return read_record(self.file)
 
     @cached_property
@@ -66,7 +66,7 @@ class Result:
 
     @property
     def error(self) -> str | None:
-        """Why the run ended early; None if it did not, or if the process was killed."""
+        """Reason why the run ended early; None if it did not, or if the process was killed."""
         return self.metadata.error
 
     @property
@@ -129,14 +129,14 @@ class Result:
 
     @cached_property
     def consistency(self) -> Sequence[Consistency]:
-        """Whether estimators err as much as they say; see `harness.results.consistency`."""
+        """Errors of estimators beside those they state; see `harness.results.consistency`."""
         from harness.results.consistency import consistency_of
 
         return consistency_of(self)
 
     @property
     def report(self) -> Path:
-        """Where the report is, if one was written."""
+        """Path of the report, if one was written."""
         return self.path / REPORT
 
     def write_metrics(self) -> Path:

@@ -92,7 +92,7 @@ class Fault(StrictModel):
 
     @property
     def trouble(self) -> str:
-        """What is wrong with it; empty if nothing is."""
+        """Mistake in it; empty if there is none."""
         fixed = _KINDS[self.kind][2] is not None
         if fixed == (self.value is not None):
             return f"kind '{self.kind}' {'takes no' if fixed else 'needs a'} 'value'"
@@ -107,7 +107,7 @@ class Fault(StrictModel):
         return {name: float(self.value if fixed is None else fixed)}  # type: ignore[arg-type]
 
     def changes(self) -> Iterator[Change]:
-        """How it begins and ends; nothing of a beginning with the run."""
+        """Yield how it begins and ends; nothing of a beginning with the run."""
         name, neutral, _ = _KINDS[self.kind]
         if self.at > 0.0:
             values = {f"{self.part}.{key}": value for key, value in self.settings.items()}

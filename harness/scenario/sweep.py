@@ -87,7 +87,7 @@ class SweepVariable(BaseModel):
 
     @property
     def form(self) -> str:
-        """Which row of the module's table it is; empty if it is none."""
+        """Row of the module's table that it is; empty if it is none."""
         if self.values is not None:
             return "values"
         if self.distribution is not None:
@@ -286,7 +286,7 @@ class Sweep(StrictModel):
 
     @cached_property
     def faults(self) -> tuple[Fault, ...]:
-        """All of them."""
+        """Faults in their order."""
         return tuple(fault for each in self.fault for fault in each.faults())
 
     def problems(self) -> list[str]:

@@ -48,7 +48,7 @@ class Connection:
 
 
 def feedthrough(outputs: Iterable[Port], name: str) -> bool:
-    """Whether an output may depend on the input `name` within a sample."""
+    """Return whether an output may depend on the input `name` within a sample."""
     return any(port.depends_on is None or name in port.depends_on for port in outputs)
 
 
@@ -90,7 +90,7 @@ def lag(
     connections: Collection[Connection],
     periods: Mapping[str, float],
 ) -> dict[str, float]:
-    """How much later than in the harness a Jacobi master brings signals to each part [s].
+    """Return how much later than in the harness a Jacobi master brings signals to each part [s].
 
     Communication steps are as short as the shortest sample period. A part that samples at `n T`
     then sees what the others have put out before `n T`: of a source with the same period, its

@@ -298,7 +298,7 @@ def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
 
 
 def _files(system: System, plan: SweepPlan, status: Callable[[str], None]) -> dict[str, Path]:
-    """All files that runs need, by how the scenario names them."""
+    """Return all files that runs need, by how the scenario names them."""
     found: dict[str, Path] = {}
     for name, table in system.scenario.parts.items():
         part = system.parts.get(name)

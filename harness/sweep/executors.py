@@ -55,7 +55,7 @@ class TooLong:
         self.seconds = seconds
 
     def over(self, since: float) -> bool:
-        """Whether a case that began then has had its time."""
+        """Return whether a case that began then has had its time."""
         return self.seconds is not None and time.monotonic() - since > self.seconds
 
     def row(self, number: int) -> CaseRow:
@@ -181,7 +181,7 @@ class ProcessExecutor:
 
 @cache
 def _context() -> BaseContext:
-    """How processes start: as copies of one that has loaded everything, where there can be one."""
+    """Return how processes start: as copies of one that has loaded everything, if possible."""
     if "forkserver" not in multiprocessing.get_all_start_methods():
         return multiprocessing.get_context("spawn")
     context = multiprocessing.get_context("forkserver")
@@ -193,7 +193,7 @@ class InlineExecutor:
     """This process itself, one case after the other and without a time-out: for a debugger."""
 
     def __init__(self, base: Base) -> None:
-        """Nothing is made yet.
+        """Begin with nothing made.
 
         Args:
             base: what all cases have in common.

@@ -62,7 +62,7 @@ class MemoryRecorder:
         self.ticks += rows
 
     def flush_idle(self) -> None:
-        """Nothing is held back."""
+        """Do nothing: nothing is held back."""
 
     @property
     def time(self) -> FloatArray:

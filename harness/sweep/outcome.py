@@ -53,7 +53,7 @@ class SweepResult:
 
     @property
     def page(self) -> Path:
-        """Where the page is, if one was written."""
+        """Path of the page, if one was written."""
         return self.path / PAGE
 
     @cached_property
@@ -113,13 +113,13 @@ class SweepResult:
 
     @cached_property
     def summary(self) -> Mapping[str, Summary]:
-        """Of each figure: median, mean with its interval, least, largest."""
+        """Median, mean with its interval, least and largest value of each figure."""
         from harness.sweep.statistics import summary_of
 
         return {name: summary_of(self.values(name)) for name in self.figures}
 
     def influences(self, figure: str) -> list[Influence]:
-        """How much each variable has to do with a figure, the most influential first."""
+        """Return how much each variable has to do with a figure, the most influential first."""
         from harness.sweep.statistics import influences_of
 
         named = {
@@ -133,7 +133,7 @@ class SweepResult:
 
 
 def larger_is_better(figure: str) -> bool:
-    """Whether a large value of a figure is good."""
+    """Return whether a large value of a figure is good."""
     return "reduction" in figure or figure.endswith("_inside")
 
 
@@ -225,7 +225,7 @@ def _schema(metadata: Mapping[str, Any], figures: Mapping[str, Mapping[str, str]
 
 
 def numeric(values: Sequence[Any]) -> bool:
-    """Whether all values are numbers."""
+    """Return whether all values are numbers."""
     return all(isinstance(v, int | float) and not isinstance(v, bool) for v in values)
 
 

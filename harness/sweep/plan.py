@@ -63,7 +63,7 @@ class SweepCase:
 
     @property
     def first(self) -> float:
-        """When anything changes for the first time [s]; infinite if nothing does."""
+        """Time at which anything changes for the first time [s]; infinite if nothing does."""
         return min((change.at for change in self.all_changes), default=math.inf)
 
     @property
@@ -173,7 +173,7 @@ class SweepPlan:
         return SweepCase(number, int(seed), drawn, early, late, changes, motion, fault, shared)
 
     def cases(self) -> Iterator[SweepCase]:
-        """All runs."""
+        """Yield all runs."""
         return map(self.case, range(len(self)))
 
 

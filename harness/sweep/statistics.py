@@ -99,7 +99,7 @@ class Influence:
 
     @property
     def strength(self) -> float:
-        """What variables are ranked by: the larger of S and rho squared."""
+        """Measure that variables are ranked by: the larger of S and rho squared."""
         return max(self.share, 0.0 if self.rho is None else self.rho**2)
 
 

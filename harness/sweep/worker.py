@@ -230,7 +230,7 @@ class _WorkerSystem:
 
     @property
     def worn(self) -> bool:
-        """Whether a part is in a state that nobody should go on from."""
+        """True if a part is in a state that nobody should go on from."""
         parts = self.system.parts.values()
         return any(isinstance(part, FmuPart) and part.worn for part in parts)
 
@@ -269,7 +269,7 @@ class Worker:
     """Runs cases one after the other, in one thread."""
 
     def __init__(self, base: Base) -> None:
-        """Nothing is made yet.
+        """Begin with nothing made.
 
         Args:
             base: what all runs have in common.
@@ -343,7 +343,7 @@ class Worker:
 
 
 def is_start_value(scenario: Scenario, key: str) -> bool:
-    """Whether a key names a start value of an FMU, which leaves the system as it is."""
+    """Return whether a key names a start value of an FMU, which leaves the system as it is."""
     head, _, rest = key.partition(".")
     name, _, setting = rest.partition(".")
     table = scenario.parts.get(name)
@@ -353,7 +353,7 @@ def is_start_value(scenario: Scenario, key: str) -> bool:
 
 
 def _hanging() -> bool:
-    """Whether a loop has not come back from a part."""
+    """Return whether a loop has not come back from a part."""
     loops = [each for each in threading.enumerate() if each.name == "steadytip-loop"]
     for each in loops:
         each.join(1.0)

@@ -60,7 +60,7 @@ class System:
     unfused: System | None = None
 
     def place(self, part: str, name: str) -> tuple[str, str]:
-        """Where a variable of a part is: part and variable, those of a container if it is fused."""
+        """Find a variable of a part: part and variable, those of a container if it is fused."""
         if part in self.parts:
             return part, name
         assert self.unfused is not None
@@ -70,7 +70,7 @@ class System:
 
     @property
     def columns(self) -> list[Column]:
-        """All outputs in the order of the parts."""
+        """Outputs in the order of the parts."""
         return [
             Column(
                 self.names.get(f"{name}.{port.name}", f"{name}.{port.name}"),
@@ -199,7 +199,7 @@ def _make(
 
 
 def reference(table: PartTable, key: str) -> str:
-    """How a part's setting names a file, or a model that is built in some flavour."""
+    """Return how a part's setting names a file, or a model that is built in some flavour."""
     text = str(table.settings[key])
     if key == "fmu" and not is_path(text):
         return f"{table.settings.get('flavour', 'native')} {text}"

@@ -164,7 +164,7 @@ def _starts(part: Part) -> Mapping[str, float]:
 
 
 def _reason(scenario: Scenario, name: str) -> str:
-    """Why a part cannot be fused; empty if it can."""
+    """Return why a part cannot be fused; empty if it can."""
     table = scenario.parts[name]
     if table.kind != "fmu":
         return f"it is no FMU but '{table.kind}'"

@@ -72,7 +72,7 @@ def events_of(
 
 
 def trouble_of(part: Part, name: str, value: Any, unconnected: Sequence[str]) -> str:
-    """Why a value of a part cannot change in a run; empty if it can."""
+    """Return why a value of a part cannot change in a run; empty if it can."""
     if not isinstance(part, Adjustable):
         return f"nothing of '{part.name}' can change in a run: it is no FMU"
     if any(port.name == name for port in part.inputs) and f"{part.name}.{name}" not in unconnected:

@@ -25,7 +25,7 @@ _COUNTS = {
 
 
 def roles(scenario: Scenario, columns: Sequence[str]) -> dict[str, tuple[str, ...]]:
-    """Which columns play which role of the scenario's `signals`.
+    """Find the columns that play each role of the scenario's `signals`.
 
     A role is left out where the parts that would play it are at the other end of a bus.
 

@@ -129,7 +129,7 @@ class Fmu:
 
     @cached_property
     def scalars(self) -> list[ScalarVariable]:
-        """All variables, in their order.
+        """Variables, in their order.
 
         Raises:
             Skip: the FMU is not for co-simulation.

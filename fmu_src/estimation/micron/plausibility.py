@@ -221,7 +221,7 @@ class Alive(NamedTuple):
 
 
 def alive(volts: Any, heard: Any, f: Any, m: Any, gates: Any, x: Any) -> Alive:
-    """Which channels of a sample give what they sense.
+    """Find the channels of a sample that give what they sense.
 
     Args:
         volts: (9,).
@@ -254,12 +254,12 @@ def dip(along: Any) -> Any:
 
 
 def as_it_was(strength: Any, dip: Any, gates: Any, x: Any) -> Any:
-    """Whether strength [T] and dip [rad] of the field are the undisturbed ones."""
+    """Return whether strength [T] and dip [rad] of the field are the undisturbed ones."""
     return _near(strength, dip, x.strength, x.dip, gates.field, gates.dip)
 
 
 def accepted(gates: Any, x: Any) -> Any:
-    """Whether a field that is not believed has kept steady for so long that it must be.
+    """Return whether a field that is not believed has kept steady for so long that it must be.
 
     One that fits in strength and dip shows the filter's north to be wrong rather than itself, and
     is taken sooner.
@@ -268,7 +268,7 @@ def accepted(gates: Any, x: Any) -> Any:
 
 
 def caught(heard: Any, dead: Any, believed: Any, x: Any) -> Any:
-    """Whether a field that was believed until now is so no more; arguments as `follow_field`."""
+    """Return whether a field that was believed until now is not any more; see `follow_field`."""
     wrong = ca.logic_or(dead, ca.logic_and(heard, ca.logic_not(believed)))
     return ca.logic_and(wrong, x.doubt <= 0)
 

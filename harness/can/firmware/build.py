@@ -66,7 +66,7 @@ def build_board(dbc: str = "instrument", flags: Sequence[str] = ()) -> Path:
 
 @cache
 def sources(dbc: str) -> dict[str, str]:
-    """All C sources of the board by file name, also the generated ones.
+    """Return all C sources of the board by file name, the generated ones included.
 
     Args:
         dbc: name of a shipped DBC file, or path of one with the same messages.

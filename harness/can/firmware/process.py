@@ -172,7 +172,7 @@ class FirmwareBoard:
 
     @property
     def is_running(self) -> bool:
-        """Whether the process is there."""
+        """True while the process is there."""
         return self._process is not None and self._process.poll() is None
 
     def check(self) -> None:

@@ -125,8 +125,8 @@ class SamplesPart:
         node.transmit(dict(zip(self._driven, self._u.tolist(), strict=True)))
 
     def close(self) -> None:
-        """Leave the bus, for both parts."""
+        """Do nothing: the other part leaves the bus for both."""
 
     def metadata(self) -> dict[str, Any]:
-        """Return the part that it belongs to."""
+        """Name the part that it belongs to."""
         return {"kind": "board", "file": self._board.database.path.name, "of": self._board.name}

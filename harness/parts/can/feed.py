@@ -231,10 +231,10 @@ class CommandPart:
         self._y[:] = (*node.drive.volts, node.mode, node.latency)
 
     def close(self) -> None:
-        """Leave the bus, for both parts."""
+        """Do nothing: the other part leaves the bus for both."""
 
     def metadata(self) -> dict[str, Any]:
-        """Return the part that it belongs to."""
+        """Name the part that it belongs to."""
         return {"kind": "can", "file": self._feed.database.path.name, "of": self._feed.name}
 
 

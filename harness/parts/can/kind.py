@@ -23,7 +23,7 @@ class _Kind:
     def prepare(
         self, settings: Mapping[str, Settings], progress: Callable[[str], None]
     ) -> Mapping[str, Settings]:
-        """Nothing has to be prepared."""
+        """Return the settings as they are; nothing has to be prepared."""
         return settings
 
     def __call__(self, name: str, settings: Settings, seed: int) -> FeedPart | BoardPart:

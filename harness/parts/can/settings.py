@@ -39,7 +39,7 @@ class Keys(BaseModel):
     reconnect: Annotated[float, Field(ge=0.0)] = 10.0
 
     def address(self) -> Address:
-        """Of the bus."""
+        """Return the address of the bus."""
         from harness.can.channel import Address
 
         return Address(self.interface, self.channel, self.options, self.reconnect)

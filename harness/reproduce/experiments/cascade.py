@@ -81,7 +81,7 @@ class Hand:
 
     @property
     def tests(self) -> tuple[StillTrial, ...]:
-        """All others."""
+        """Motions to test on: all others."""
         return self.trials[: self.chosen] + self.trials[self.chosen + 1 :]
 
 
