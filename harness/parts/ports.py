@@ -27,7 +27,7 @@ class Unit:
     offset: float = 0.0
 
     def same_as(self, other: Unit) -> bool:
-        """Return whether values pass between both unchanged; by name where a base unit is missing."""
+        """Return whether values pass between both unchanged; by name if a base unit is missing."""
         if self.exponents is None or other.exponents is None:
             return self.name == other.name
         return (self.exponents, self.factor, self.offset) == (
