@@ -94,7 +94,7 @@ def application(live: Live) -> dash.Dash:
     app.clientside_callback(
         f"""(beats, shown) => {{
             const last = window.steadytip ??= {{}}, now = Date.now();
-            if (last.shown !== shown) {{ last.shown = format_quantity; last.at = now; }}
+            if (last.shown !== shown) {{ last.shown = shown; last.at = now; }}
             return now - last.at > {_GONE * 1e3:g}
                 ? "The monitor no longer answers. What is below is old." : "";
         }}""",
