@@ -224,11 +224,7 @@ def metadata_of(system: System) -> RunMetadata:
         },
         roles={role: list(names) for role, names in system.roles.items()},
         order=list(system.wiring.order),
-        delays={
-            f"{link.source_part}.{link.source}": link.delay
-            for link in system.wiring.links
-            if link.delay
-        },
+        delays={str(link.source): link.delay for link in system.wiring.links if link.delay},
         unconnected=list(system.wiring.unconnected),
         events=[
             {

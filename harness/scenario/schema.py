@@ -37,6 +37,7 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from harness.can.timing import Timing
+from harness.common.endpoint import Endpoint
 from harness.common.strict_model import Positive, StrictModel
 from harness.scenario.events import Change, Fault
 from harness.scenario.sweep import Sweep
@@ -226,3 +227,8 @@ class Scenario:
     variant: str | None = None
     variants: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def part_setting(self, key: str) -> Endpoint | None:
+        """Return part and setting of a key as `part.hand.seed`; None if it is no such key."""
+        head, _, rest = key.partition(".")
+        return Endpoint.find(rest, self.parts) if head == "part" else None

@@ -273,7 +273,7 @@ def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
     scenario = plan.scenario
     for key, variable in plan.variables.items():
         head, _, rest = key.partition(".")
-        name, _, setting = rest.partition(".")
+        found = scenario.part_setting(key)
         where = f"sweep.vary '{key}'"
         if head != "part":
             known = [*LENGTHS, "step_size", "part"]
@@ -283,9 +283,11 @@ def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
                 yield f"{where}: no such value can be varied; {nearest(head, known)}"
             elif variable.since is not None:
                 yield f"{where}: it cannot act from {variable.since:g} s on"
-        elif name not in scenario.parts:
+        elif found is None:
+            name = rest.partition(".")[0]
             yield f"{where}: there is no part '{name}'; {nearest(name, scenario.parts)}"
-        elif isinstance(part := system.parts.get(name), FmuPart):
+        elif isinstance(part := system.parts.get(found.part), FmuPart):
+            setting = found.port
             names = part.description.variables
             bases = {n.split("[")[0] for n, v in names.items() if v.settable} | {*FIXED, "fmu"}
             if setting not in names and setting not in bases:
@@ -312,10 +314,10 @@ def _files(system: System, plan: SweepPlan, status: Callable[[str], None]) -> di
         found[str(path)] = path.resolve()
     # FMUs that a variable puts in the place of others.
     for key, variable in plan.variables.items():
-        name, _, setting = key.removeprefix("part.").partition(".")
-        if setting != "fmu":
+        place = system.scenario.part_setting(key)
+        if place is None or place.port != "fmu":
             continue
-        table = system.scenario.parts[name]
+        name, table = place.part, system.scenario.parts[place.part]
         for value in variable.listed():
             settings = {**table.settings, "fmu": value}
             ready = FmuPart.prepare({name: settings}, status)[name]
@@ -381,10 +383,10 @@ def _metadata(plan: SweepPlan, system: System) -> dict[str, Any]:
 def _unit(axis: str, system: System) -> str:
     if axis in LENGTHS or axis == "step_size":
         return "s"
-    name, _, setting = axis.removeprefix("part.").partition(".")
-    part = system.parts.get(name)
-    if not isinstance(part, FmuPart):
+    place = system.scenario.part_setting(axis)
+    part = system.parts.get(place.part) if place else None
+    if place is None or not isinstance(part, FmuPart):
         return ""
-    variables = part.description.variables
+    variables, setting = part.description.variables, place.port
     found = variables.get(setting) or variables.get(f"{setting}[1]")
     return found.unit if found is not None else ""

@@ -253,7 +253,7 @@ def _needed(system: System, container: FmuPart) -> set[str]:
     goes unnoticed in the others.
     """
     kept = wanted(system)
-    links = {link.source for link in system.wiring.links if link.source_part == container.name}
+    links = {link.source.port for link in system.wiring.links if link.source.part == container.name}
     names = {port.name: f"{container.name}.{port.name}" for port in container.outputs}
     found = {port for port, name in names.items() if system.names.get(name, name) in kept} | links
     return found or {container.outputs[0].name}
@@ -344,12 +344,10 @@ class Worker:
 
 def is_start_value(scenario: Scenario, key: str) -> bool:
     """Return whether a key names a start value of an FMU, which leaves the system as it is."""
-    head, _, rest = key.partition(".")
-    name, _, setting = rest.partition(".")
-    table = scenario.parts.get(name)
-    if head != "part" or table is None or table.kind != "fmu" or not setting:
+    found = scenario.part_setting(key)
+    if found is None or scenario.parts[found.part].kind != "fmu":
         return False
-    return setting != "fmu" and setting not in FIXED
+    return found.port not in {"", "fmu", *FIXED}
 
 
 def _hanging() -> bool:

@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from fmu_src.errors import SteadytipError
+from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError
 from harness.common.files import is_path
 from harness.parts.kinds import kinds
@@ -167,8 +168,9 @@ def _with_fault_parts(scenario: Scenario) -> Scenario:
 
 
 def _owner(name: str, scenario: Scenario) -> str:
-    """Part that a recording moves; any other part's own name."""
-    return name if name in scenario.parts else name.rpartition(".")[0]
+    """Return the part that a sibling stands beside; any other part's own name."""
+    beside = Endpoint.find(name, scenario.parts)
+    return beside.part if beside and name not in scenario.parts else name
 
 
 def _make(
