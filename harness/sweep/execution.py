@@ -17,6 +17,7 @@ from harness.common.errors import ProblemsError, RunError, StoppedError, nearest
 from harness.parts.fmu import FmuPart
 from harness.recordings.motion import recordings
 from harness.scenario import load as scenarios
+from harness.scenario.replaced import is_on_bus
 from harness.scenario.schema import Scenario
 from harness.sweep.command import command_of
 from harness.sweep.executors import Executor, InlineExecutor, ProcessExecutor
@@ -167,7 +168,7 @@ def prepare(
     common = with_places(checked, plan.faults)
     first = Path(plan.motions[0]) if plan.motions else None
     system = assemble(common, first, status)
-    on_bus = [name for name, part in checked.parts.items() if part.kind == "can"]
+    on_bus = [name for name, table in checked.parts.items() if is_on_bus(table)]
     problems = [f"part '{name}' keeps to the wall clock: no sweep" for name in on_bus]
     problems += _wrong_keys(plan, system)
     if problems:
@@ -306,10 +307,10 @@ def _files(system: System, plan: SweepPlan, status: Callable[[str], None]) -> di
         part = system.parts.get(name)
         if isinstance(part, FmuPart):
             found[reference(table, "fmu")] = part.description.path.resolve()
-        elif table.kind in table.settings and Path(str(table.settings[table.kind])).is_file():
-            found[reference(table, table.kind)] = Path(table.settings[table.kind]).resolve()
-        if "parameters" in table.settings:
-            found[reference(table, "parameters")] = Path(table.settings["parameters"]).resolve()
+        for key, text in table.settings.table.items():
+            named = key in table.settings.files and (key != "fmu" or part is None)
+            if named and Path(str(text)).is_file():
+                found[reference(table, key)] = Path(text).resolve()
     for path in [*system.motions.values(), *map(Path, plan.motions)]:
         found[str(path)] = path.resolve()
     # FMUs that a variable puts in the place of others.
@@ -319,12 +320,12 @@ def _files(system: System, plan: SweepPlan, status: Callable[[str], None]) -> di
             continue
         name, table = place.part, system.scenario.parts[place.part]
         for value in variable.listed():
-            settings = {**table.settings, "fmu": value}
-            ready = FmuPart.prepare({name: settings}, status)[name]
+            changed = table.settings.model_copy(update={"fmu": value})
+            ready = FmuPart.prepare({name: changed.table}, status)[name]
             path = Path(ready["fmu"])
             if not path.is_file():
                 raise SteadytipError(f"sweep.vary '{key}': FMU {path} does not exist")
-            found[reference(replace(table, settings=settings), "fmu")] = path.resolve()
+            found[reference(replace(table, settings=changed), "fmu")] = path.resolve()
     return found
 
 

@@ -23,6 +23,7 @@ from harness.common.errors import FaultError, ProblemsError, RunError, StoppedEr
 from harness.loop.segments import run_until
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part, Restorable, Reusable, RunContext
+from harness.parts.settings import FmuSettings
 from harness.results.run_metadata import RunMetadata
 from harness.scenario.events import Fault
 from harness.scenario.load import with_values
@@ -164,7 +165,7 @@ class _WorkerSystem:
         for name, table in self.tables.items():
             part = self.made.parts[name]
             assert isinstance(part, FmuPart)
-            settings = merge_tables(table.settings, changed.get(name, {}))
+            settings = merge_tables(table.settings.table, changed.get(name, {}))
             try:
                 part.take(settings, part_seed(case.seed, name))
             except ProblemsError as error:
@@ -345,7 +346,7 @@ class Worker:
 def is_start_value(scenario: Scenario, key: str) -> bool:
     """Return whether a key names a start value of an FMU, which leaves the system as it is."""
     found = scenario.part_setting(key)
-    if found is None or scenario.parts[found.part].kind != "fmu":
+    if found is None or not isinstance(scenario.parts[found.part].settings, FmuSettings):
         return False
     return found.port not in {"", "fmu", *FIXED}
 

@@ -14,9 +14,9 @@ from typing import TYPE_CHECKING
 from fmu_src.errors import SteadytipError
 from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError, nearest
-from harness.common.files import is_path
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part
+from harness.parts.settings import FmuSettings
 from harness.scenario.schema import Scenario, Wire
 from harness.system.assembly import System
 from harness.system.wiring import connect
@@ -169,13 +169,14 @@ def _starts(part: Part) -> Mapping[str, float]:
 def _reason(scenario: Scenario, name: str) -> str:
     """Return why a part cannot be fused; empty if it can."""
     table = scenario.parts[name]
-    if table.kind != "fmu":
+    settings = table.settings
+    if not isinstance(settings, FmuSettings):
         return f"it is no FMU but '{table.kind}'"
-    if is_path(table.settings["fmu"]):
+    if not settings.is_model:
         return "its FMU is a file, and only models that are built here can be fused"
-    if table.settings.get("flavour", "native") != "native":
+    if settings.flavour != "native":
         return "it is of the python flavour"
-    if table.settings.get("isolate", False):
+    if settings.isolate:
         return "it is isolated in a process of its own"
     return ""
 
@@ -211,5 +212,5 @@ def _plan(
         for link in system.wiring.links
         if link.source.part in members and link.target.part in members
     ]
-    models = [(part, str(system.scenario.parts[part].settings["fmu"])) for part in members]
+    models = [(part, system.scenario.parts[part].settings.table["fmu"]) for part in members]
     return ContainerPlan(name, models, links, system.scenario.step_size, starts)
