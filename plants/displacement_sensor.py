@@ -50,4 +50,4 @@ def step(p: Params, u: In, x: Resting, T: float, normal: Any) -> tuple[Resting, 
     return x, Out(measured=(1 + p.gain_error) * u.stroke + p.offset + p.noise * normal[0])
 
 
-MODEL = Model("DisplacementSensor", step, Params, In, Resting, Out, sample_period=1e-3, draws=1)
+MODEL = Model.of_step("DisplacementSensor", step, sample_period=1e-3, draws=1)

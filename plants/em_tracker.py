@@ -208,15 +208,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "EmTracker",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=8,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("EmTracker", step, sample_period=1e-3, draws=8, derive=derive)

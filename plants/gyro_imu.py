@@ -278,15 +278,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "GyroImu",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=18,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("GyroImu", step, sample_period=1e-3, draws=18, derive=derive)

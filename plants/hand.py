@@ -427,15 +427,6 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
     )
 
 
-MODEL = Model(
-    "Hand",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=3 * AXIS_DRAWS + COMMON_DRAWS,
-    derived=Rows,
-    derive=derive,
+MODEL = Model.of_step(
+    "Hand", step, sample_period=1e-3, draws=3 * AXIS_DRAWS + COMMON_DRAWS, derive=derive
 )

@@ -184,14 +184,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     )
 
 
-MODEL = Model(
-    "Instrument",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("Instrument", step, sample_period=1e-3, derive=derive)

@@ -244,15 +244,6 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "OpticalTracker",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=3 * MARKERS + 2 + MARKERS,
-    derived=Precomputed,
-    derive=derive,
+MODEL = Model.of_step(
+    "OpticalTracker", step, sample_period=1e-3, draws=3 * MARKERS + 2 + MARKERS, derive=derive
 )

@@ -232,14 +232,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:
     return following, Out(stroke=x.stroke)
 
 
-MODEL = Model(
-    "PiezoStack",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-4,
-    derived=Rows,
-    derive=derive,
-)
+MODEL = Model.of_step("PiezoStack", step, sample_period=1e-4, derive=derive)

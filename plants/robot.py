@@ -149,4 +149,4 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
 
 
-MODEL = Model("Robot", step, Params, In, X, Out, sample_period=1e-3)
+MODEL = Model.of_step("Robot", step, sample_period=1e-3)

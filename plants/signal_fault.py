@@ -72,4 +72,4 @@ def step(p: Params, u: In, x: X, T: float, normal: Any) -> tuple[X, Out]:
     return X(held=y), Out(faulty=y)
 
 
-MODEL = Model("SignalFault", step, Params, In, X, Out, sample_period=1e-3, draws=2)
+MODEL = Model.of_step("SignalFault", step, sample_period=1e-3, draws=2)

@@ -176,16 +176,6 @@ def operators_of(derived: Precomputed) -> Any:
     return derived.pack()[: Operators.size()]
 
 
-MODEL = Model(
-    "TremorCanceller",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Precomputed,
-    derive=derive,
-    matrix=True,
-    answer=answer,
+MODEL = Model.of_step(
+    "TremorCanceller", step, sample_period=SAMPLE_PERIOD, derive=derive, matrix=True, answer=answer
 )

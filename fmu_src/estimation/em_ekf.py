@@ -832,4 +832,4 @@ def begun(p: Params, x: X, z: Any, mean: Any, by_tracker: Any, first: Any) -> tu
     return ca.if_else(first, nominal, x.nominal.pack()), ca.if_else(first, P, x.P)
 
 
-MODEL = Model("EmInertialEkf", step, Params, In, X, Out, sample_period=1e-3, matrix=True)
+MODEL = Model.of_step("EmInertialEkf", step, sample_period=1e-3, matrix=True)

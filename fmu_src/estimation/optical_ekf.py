@@ -297,4 +297,4 @@ def _then(x: Any, turn: Any) -> Any:
     return then(Nominal.unpack(x), turn)
 
 
-MODEL = Model("OpticalGyroEkf", step, Params, In, X, Out, sample_period=1e-3, matrix=True)
+MODEL = Model.of_step("OpticalGyroEkf", step, sample_period=1e-3, matrix=True)

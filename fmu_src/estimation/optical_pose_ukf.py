@@ -315,4 +315,4 @@ def _start_variance(p: Params) -> Any:
     )
 
 
-MODEL = Model("OpticalPoseUkf", step, Params, In, X, Out, sample_period=1e-3, matrix=True)
+MODEL = Model.of_step("OpticalPoseUkf", step, sample_period=1e-3, matrix=True)

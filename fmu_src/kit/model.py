@@ -12,10 +12,11 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self, get_args, get_type_hints
 
 import casadi as ca
 
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.noise import standard_normal
 from fmu_src.kit.records import Derived, Inputs, Outputs, Parameters, Scalar, State
 
@@ -66,6 +67,36 @@ class Model:
     matrix: bool = False
     answer: Callable[..., Outputs] | None = None
     derivatives: bool = True
+
+    @classmethod
+    def of_step(
+        cls, name: str, step: Callable[..., Any], sample_period: float, **options: Any
+    ) -> Self:
+        """Return a model whose records are those in the signature of its step.
+
+        Args:
+            name: FMU and model identifier.
+            step: `step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]`, with `derived: Derived`
+                as well where there is a `derive`.
+            sample_period: T [s].
+            options: further arguments of `Model`.
+
+        Raises:
+            SteadytipError: the signature does not name all records.
+        """
+        hints = get_type_hints(step)
+        missing = [part for part in ("p", "u", "x", "return") if part not in hints]
+        if missing:
+            raise SteadytipError(
+                f"model '{name}': annotate {', '.join(missing)} of its step with the records, or"
+                " name them with Model(...)"
+            )
+        parameters, inputs = hints["p"], hints["u"]
+        derived = hints.get("derived", NoDerived)
+        state, outputs = get_args(hints["return"])
+        return cls(
+            name, step, parameters, inputs, state, outputs, sample_period, derived, **options
+        )
 
     @property
     def documentation(self) -> str:

@@ -285,4 +285,4 @@ def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
     return x, Out(strokes=strokes, reachable=reachable)
 
 
-MODEL = Model("Parallel3Dof", step, Geometry, In, Resting, Out, sample_period=1e-3)
+MODEL = Model.of_step("Parallel3Dof", step, sample_period=1e-3)

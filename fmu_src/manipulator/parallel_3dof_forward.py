@@ -72,4 +72,4 @@ def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
     )
 
 
-MODEL = Model("Parallel3DofForward", step, Geometry, In, Resting, Out, sample_period=1e-3)
+MODEL = Model.of_step("Parallel3DofForward", step, sample_period=1e-3)

@@ -129,14 +129,4 @@ def step(p: Creeping, u: In, x: Memory, T: float, derived: Pace) -> tuple[Memory
     return following, Out(stroke=ca.dot(p.saturation, stops(y, p.dead_zones)))
 
 
-MODEL = Model(
-    "CreepPrandtlIshlinskii",
-    step,
-    Creeping,
-    In,
-    Memory,
-    Out,
-    sample_period=1e-3,
-    derived=Pace,
-    derive=derive,
-)
+MODEL = Model.of_step("CreepPrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

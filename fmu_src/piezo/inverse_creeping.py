@@ -65,14 +65,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(volts=volts, limited=limited)
 
 
-MODEL = Model(
-    "InverseCreepPrandtlIshlinskii",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InverseCreepPrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

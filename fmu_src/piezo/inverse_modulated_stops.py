@@ -333,14 +333,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(volts=volts, limited=limited, gain=gain)
 
 
-MODEL = Model(
-    "InverseModulatedStops",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InverseModulatedStops", step, sample_period=SAMPLE_PERIOD, derive=derive)

@@ -181,14 +181,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return X(plays=plays, demand=seen(u.stroke, x.demand)), Out(volts=volts, limited=limited)
 
 
-MODEL = Model(
-    "InversePrandtlIshlinskii",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InversePrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

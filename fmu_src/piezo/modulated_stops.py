@@ -204,14 +204,4 @@ def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memo
     return following, Out(stroke=stroke)
 
 
-MODEL = Model(
-    "ModulatedStops",
-    step,
-    Stops,
-    In,
-    Memory,
-    Out,
-    sample_period=1e-3,
-    derived=Constants,
-    derive=derive,
-)
+MODEL = Model.of_step("ModulatedStops", step, sample_period=1e-3, derive=derive)

@@ -136,4 +136,4 @@ def step(p: Hysteresis, u: In, x: X, T: float) -> tuple[X, Out]:
     return X(plays=plays), Out(stroke=respond(p, plays))
 
 
-MODEL = Model("PrandtlIshlinskii", step, Hysteresis, In, X, Out, sample_period=1e-3)
+MODEL = Model.of_step("PrandtlIshlinskii", step, sample_period=1e-3)

@@ -161,14 +161,4 @@ def step(p: RateDependence, u: In, x: X, T: float, derived: Limits) -> tuple[X, 
     return X(plays=plays), Out(stroke=respond(now, plays), singular=singular)
 
 
-MODEL = Model(
-    "RatePrandtlIshlinskii",
-    step,
-    RateDependence,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Limits,
-    derive=derive,
-)
+MODEL = Model.of_step("RatePrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

@@ -230,16 +230,6 @@ def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
     return following, found(derived, motion, x)
 
 
-MODEL = Model(
-    "ArKalman",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Weights,
-    derive=derive,
-    matrix=True,
-    answer=outputs,
+MODEL = Model.of_step(
+    "ArKalman", step, sample_period=SAMPLE_PERIOD, derive=derive, matrix=True, answer=outputs
 )

@@ -129,14 +129,4 @@ def step(
     )
 
 
-MODEL = Model(
-    "Bmflc",
-    step,
-    BmflcParams,
-    In,
-    BmflcState,
-    Out,
-    sample_period=1e-3,
-    derived=Factors,
-    derive=derive,
-)
+MODEL = Model.of_step("Bmflc", step, sample_period=1e-3, derive=derive)

@@ -100,14 +100,4 @@ def step(
     return following, Out(tremor=phasors.total(following.phasors, derived.ahead))
 
 
-MODEL = Model(
-    "BmflcKf",
-    step,
-    Surroundings,
-    In,
-    BmflcKfState,
-    Out,
-    sample_period=1e-3,
-    derived=Factors,
-    derive=derive,
-)
+MODEL = Model.of_step("BmflcKf", step, sample_period=1e-3, derive=derive)

@@ -193,4 +193,4 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
 
 
-MODEL = Model("CascadeNeural", step, Params, In, X, Out, sample_period=SAMPLE_PERIOD, matrix=True)
+MODEL = Model.of_step("CascadeNeural", step, sample_period=SAMPLE_PERIOD, matrix=True)

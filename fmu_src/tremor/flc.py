@@ -106,4 +106,4 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     return X(phase=phase, weights=weights), Out(tremor=tone(weights, regressor))
 
 
-MODEL = Model("Flc", step, Params, In, X, Out, sample_period=1e-3)
+MODEL = Model.of_step("Flc", step, sample_period=1e-3)

@@ -65,15 +65,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(tremor=rotations.matrix(u.attitude) @ out.tremor)
 
 
-MODEL = Model(
-    "InertialOscillators",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-    matrix=True,
-)
+MODEL = Model.of_step("InertialOscillators", step, sample_period=1e-3, derive=derive, matrix=True)

@@ -153,14 +153,4 @@ def step(
     return estimate(derived, u.position, u.valid, x, T)
 
 
-MODEL = Model(
-    "IntentOscillators",
-    step,
-    Surroundings,
-    In,
-    OscillatorState,
-    Out,
-    sample_period=1e-3,
-    derived=Factors,
-    derive=derive,
-)
+MODEL = Model.of_step("IntentOscillators", step, sample_period=1e-3, derive=derive)

@@ -114,4 +114,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Cut) -> tuple[X, Out]:
     return following, Out(tremor=derived.behind * cut)
 
 
-MODEL = Model("Shelving", step, Params, In, X, Out, sample_period=1e-3, derived=Cut, derive=derive)
+MODEL = Model.of_step("Shelving", step, sample_period=1e-3, derive=derive)

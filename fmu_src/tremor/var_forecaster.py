@@ -446,16 +446,6 @@ def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
     return answer(derived, u.position, u.valid, x, T)
 
 
-MODEL = Model(
-    "VarForecaster",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Weights,
-    derive=derive,
-    matrix=True,
-    answer=outputs,
+MODEL = Model.of_step(
+    "VarForecaster", step, sample_period=SAMPLE_PERIOD, derive=derive, matrix=True, answer=outputs
 )

@@ -116,4 +116,4 @@ def step(p: WflcParams, u: In, x: WflcState, T: float) -> tuple[WflcState, Out]:
     )
 
 
-MODEL = Model("Wflc", step, WflcParams, In, WflcState, Out, sample_period=1e-3)
+MODEL = Model.of_step("Wflc", step, sample_period=1e-3)

@@ -164,4 +164,4 @@ def step(p: WflcFlcParams, u: In, x: WflcFlcState, T: float) -> tuple[WflcFlcSta
     return estimate(p, u.position, u.valid, x, T)
 
 
-MODEL = Model("WflcFlc", step, WflcFlcParams, In, WflcFlcState, Out, sample_period=1e-3)
+MODEL = Model.of_step("WflcFlc", step, sample_period=1e-3)

@@ -71,9 +71,9 @@ class Params(Parameters):
     """Everything that is known beforehand."""
 
     geometry: Any = kinematics.Layout
-    accelerometer = compensation.Accelerometer
-    magnetometer = compensation.Magnetometer
-    thermometer = compensation.Thermometer
+    accelerometer: Any = compensation.Accelerometer
+    magnetometer: Any = compensation.Magnetometer
+    thermometer: Any = compensation.Thermometer
     gravity = real("m/s2", "gravity at the site", start=design.SITE_GRAVITY, min=1.0, max=20.0)
     method = integer("alpha by: 0 linear solution, 1 nonlinear least squares", min=0, max=1)
     roll_density = real(
@@ -143,7 +143,7 @@ class Gains(Derived):
     bias_noise = real("rad2/s2", "Xi_b, covariance that one sample adds to the bias", shape=(3, 3))
     integrator = real(None, "tip motion, state matrix", shape=(3, 3))
     integrator_input = real(None, "tip motion, input column", shape=3)
-    alignment = compensation.Alignment
+    alignment: Any = compensation.Alignment
 
 
 class In(Inputs):
@@ -185,9 +185,9 @@ class X(State):
     agitation = real("m2/s4", "A, mean square of the hand's acceleration, for an axis")
     off_vertical = real("s", "time without a vertical")
     outage = real("s", "time without a usable specific force")
-    channels = plausibility.Channels
-    field = plausibility.Field
-    rest = plausibility.Rest
+    channels: Any = plausibility.Channels
+    field: Any = plausibility.Field
+    rest: Any = plausibility.Rest
 
 
 class Out(Outputs):
@@ -225,7 +225,7 @@ class Out(Outputs):
     field = real(None, "unit magnetic field in B", shape=3, axes="xyz")
 
 
-def derive(p: Any, T: float) -> Gains:
+def derive(p: Params, T: float) -> Gains:
     """Return gains and noise that hold as long as the parameters do."""
     S_A, S_r = densities(p)
     geometry = kinematics.Geometry.of(p.geometry)
@@ -253,7 +253,7 @@ def derive(p: Any, T: float) -> Gains:
     )
 
 
-def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
+def step(p: Params, u: In, x: X, T: float, derived: Gains) -> tuple[X, Out]:
     """Return state and outputs after one sample of the sensors."""
     s = compensate(p, u, x, derived.alignment)
     start = follow_start(p, s, x, T)
@@ -359,14 +359,4 @@ def _valid(
     )
 
 
-MODEL = Model(
-    "MicronEstimator",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Gains,
-    derive=derive,
-)
+MODEL = Model.of_step("MicronEstimator", step, sample_period=1e-3, derive=derive)
