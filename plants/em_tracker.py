@@ -41,7 +41,7 @@ import numpy as np
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, quaternion, real, vector
 from fmu_src.math import rotations
 from plants import sampling
 
@@ -97,9 +97,7 @@ class In(Inputs):
 
     body = sampling.BODY
     attitude = sampling.ATTITUDE
-    metal = real(
-        "m", "place of the moved piece in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
-    )
+    metal = vector("m", "place of the moved piece in W", start=5.0, min=-10.0, max=10.0)
     lost = boolean("whether measurements are lost")
 
 
@@ -121,17 +119,11 @@ class X(State):
 class Out(Outputs):
     """Pose of the last packet, and what metal adds to it now."""
 
-    em_position = real("m", "sensor in the tracker's frame", shape=3, axes="xyz")
-    em_attitude = real(
-        None,
-        "attitude of the coil frame in the tracker's",
-        shape=4,
-        axes="wxyz",
-        start=(1, 0, 0, 0),
-    )
+    em_position = vector("m", "sensor in the tracker's frame")
+    em_attitude = quaternion("attitude of the coil frame in the tracker's")
     em_new = boolean("a measurement arrives at this instant")
     em_age = real("s", "its age on arrival, by the tracker's clock", min=0.0)
-    distortion = real("rad", "attitude error t_d by metal at this instant, W", shape=3, axes="xyz")
+    distortion = vector("rad", "attitude error t_d by metal at this instant, W")
 
 
 def derive(p: Params, T: float) -> Precomputed:

@@ -35,7 +35,7 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real, vector
 from plants import sampling
 
 LINE = 32
@@ -155,11 +155,9 @@ class In(Inputs):
     body = sampling.BODY
     body_acceleration = sampling.BODY_ACCELERATION
     attitude = sampling.ATTITUDE
-    body_rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
+    body_rate = vector("rad/s", "body rate in B", min=-100.0, max=100.0)
     angular_acceleration = sampling.ANGULAR_ACCELERATION
-    magnet = real(
-        "m", "place of the magnet in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
-    )
+    magnet = vector("m", "place of the magnet in W", start=5.0, min=-10.0, max=10.0)
     lost = boolean("whether the sample is lost: the outputs are held and not valid")
     frozen = boolean("whether the unit repeats its last sample, and calls it valid")
 
@@ -185,9 +183,9 @@ class X(State):
 class Out(Outputs):
     """One sample of all three triads."""
 
-    rate = real("rad/s", "gyros, B", shape=3, axes="xyz")
-    force = real("m/s2", "accelerometers, B", shape=3, axes="xyz")
-    field = real("T", "magnetometers, B", shape=3, axes="xyz")
+    rate = vector("rad/s", "gyros, B")
+    force = vector("m/s2", "accelerometers, B")
+    field = vector("T", "magnetometers, B")
     inertial_valid = boolean(
         "whether a sample comes now: false between those of a slow unit and where one is lost",
         start=True,

@@ -60,7 +60,7 @@ from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real, vector
 from fmu_src.math import rotations
 
 ORDER = 4
@@ -127,12 +127,8 @@ class In(Inputs):
     recorded_x = real("m", "tip in W, x", min=-0.1, max=0.1)
     recorded_y = real("m", "tip in W, y", min=-0.1, max=0.1)
     recorded_z = real("m", "tip in W, z", min=-0.1, max=0.1)
-    recorded_velocity = real(
-        "m/s", "velocity of the tip in W", shape=3, axes="xyz", min=-10.0, max=10.0
-    )
-    recorded_acceleration = real(
-        "m/s2", "acceleration of the tip in W", shape=3, axes="xyz", min=-1e3, max=1e3
-    )
+    recorded_velocity = vector("m/s", "velocity of the tip in W", min=-10.0, max=10.0)
+    recorded_acceleration = vector("m/s2", "acceleration of the tip in W", min=-1e3, max=1e3)
 
 
 class Drives(Derived):
@@ -194,14 +190,14 @@ class X(State):
 class Out(Outputs):
     """Motion of the tip, and of the body that makes it."""
 
-    tip = real("m", "uncompensated tip in W", shape=3, axes="xyz")
-    intent = real("m", "wanted part of it", shape=3, axes="xyz")
-    tremor = real("m", "tremor in it", shape=3, axes="xyz")
-    body = real("m", "origin of B in W", shape=3, axes="xyz")
-    body_acceleration = real("m/s2", "acceleration of the origin of B, W", shape=3, axes="xyz")
+    tip = vector("m", "uncompensated tip in W")
+    intent = vector("m", "wanted part of it")
+    tremor = vector("m", "tremor in it")
+    body = vector("m", "origin of B in W")
+    body_acceleration = vector("m/s2", "acceleration of the origin of B, W")
     attitude = real(None, "attitude q_WB", shape=4, axes="wxyz")
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz")
-    angular_acceleration = real("rad/s2", "angular acceleration in B", shape=3, axes="xyz")
+    rate = vector("rad/s", "body rate in B")
+    angular_acceleration = vector("rad/s2", "angular acceleration in B")
 
 
 @dataclass(frozen=True)

@@ -77,7 +77,7 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real, vector
 from fmu_src.math import rotations
 
 ACCELEROMETERS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
@@ -332,10 +332,10 @@ class Params(Parameters):
 class In(Inputs):
     """Ideal quantities at the sensors' places."""
 
-    force1 = real("m/s2", "specific force at site 1 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    force2 = real("m/s2", "specific force at site 2 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    force3 = real("m/s2", "specific force at site 3 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    field = real("T", "magnetic field in B", shape=3, axes="xyz", min=-0.1, max=0.1)
+    force1 = vector("m/s2", "specific force at site 1 in B", min=-1e4, max=1e4)
+    force2 = vector("m/s2", "specific force at site 2 in B", min=-1e4, max=1e4)
+    force3 = vector("m/s2", "specific force at site 3 in B", min=-1e4, max=1e4)
+    field = vector("T", "magnetic field in B", min=-0.1, max=0.1)
     ambient = real("degC", "t_a, temperature of the room", start=ROOM, min=-40.0, max=85.0)
 
 

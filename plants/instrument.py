@@ -46,7 +46,7 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, real
+from fmu_src.kit.records import Derived, Inputs, real, vector
 from fmu_src.math import rotations
 from plants import sampling
 
@@ -95,7 +95,7 @@ class In(Inputs):
     body = sampling.BODY
     body_acceleration = sampling.BODY_ACCELERATION
     attitude = sampling.ATTITUDE
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
+    rate = vector("rad/s", "body rate in B", min=-100.0, max=100.0)
     angular_acceleration = sampling.ANGULAR_ACCELERATION
     stroke = real("m", "strokes of the stacks, 0 at 0 V", shape=3, min=-20e-6, max=60e-6)
 
@@ -114,13 +114,13 @@ class X(State):
 class Out(Outputs):
     """What the sensors feel, and where the tip is."""
 
-    force1 = real("m/s2", "specific force at site 1 in B", shape=3, axes="xyz")
-    force2 = real("m/s2", "specific force at site 2 in B", shape=3, axes="xyz")
-    force3 = real("m/s2", "specific force at site 3 in B", shape=3, axes="xyz")
-    field = real("T", "magnetic field in B", shape=3, axes="xyz")
-    free_tip = real("m", "tip in W as if at zero stroke", shape=3, axes="xyz")
-    tip = real("m", "tip in W", shape=3, axes="xyz")
-    deflection = real("m", "tip in B, from its place at zero stroke", shape=3, axes="xyz")
+    force1 = vector("m/s2", "specific force at site 1 in B")
+    force2 = vector("m/s2", "specific force at site 2 in B")
+    force3 = vector("m/s2", "specific force at site 3 in B")
+    field = vector("T", "magnetic field in B")
+    free_tip = vector("m", "tip in W as if at zero stroke")
+    tip = vector("m", "tip in W")
+    deflection = vector("m", "tip in B, from its place at zero stroke")
 
 
 def derive(p: Params, T: float) -> Precomputed:

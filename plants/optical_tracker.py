@@ -38,7 +38,7 @@ import casadi as ca
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, quaternion, real, vector
 from fmu_src.math import rotations
 from plants import sampling
 
@@ -117,17 +117,15 @@ class X(State):
 class Out(Outputs):
     """Pose and markers of the last packet."""
 
-    optical_position = real("m", "origin of B in the tracker's frame", shape=3, axes="xyz")
-    optical_attitude = real(
-        None, "attitude of B in the tracker's frame", shape=4, axes="wxyz", start=(1, 0, 0, 0)
-    )
+    optical_position = vector("m", "origin of B in the tracker's frame")
+    optical_attitude = quaternion("attitude of B in the tracker's frame")
     optical_new = boolean("a pose arrives at this instant")
     optical_age = real("s", "its age on arrival, by the tracker's clock", min=0.0)
     optical_markers_new = boolean("markers arrive at this instant")
-    optical_marker1 = real("m", "marker 1 in the tracker's frame", shape=3, axes="xyz")
-    optical_marker2 = real("m", "marker 2 in the tracker's frame", shape=3, axes="xyz")
-    optical_marker3 = real("m", "marker 3 in the tracker's frame", shape=3, axes="xyz")
-    optical_marker4 = real("m", "marker 4 in the tracker's frame", shape=3, axes="xyz")
+    optical_marker1 = vector("m", "marker 1 in the tracker's frame")
+    optical_marker2 = vector("m", "marker 2 in the tracker's frame")
+    optical_marker3 = vector("m", "marker 3 in the tracker's frame")
+    optical_marker4 = vector("m", "marker 4 in the tracker's frame")
     optical_visible1 = boolean("whether marker 1 is in the last packet")
     optical_visible2 = boolean("whether marker 2 is in the last packet")
     optical_visible3 = boolean("whether marker 3 is in the last packet")

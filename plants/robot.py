@@ -27,7 +27,7 @@ import casadi as ca
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 JOINTS = 3
@@ -71,11 +71,11 @@ class X(State):
 class Out(Outputs):
     """Motion of the body."""
 
-    body = real("m", "origin of B in W", shape=3, axes="xyz")
-    body_acceleration = real("m/s2", "acceleration of the origin of B, W", shape=3, axes="xyz")
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz")
-    angular_acceleration = real("rad/s2", "angular acceleration in B", shape=3, axes="xyz")
+    body = vector("m", "origin of B in W")
+    body_acceleration = vector("m/s2", "acceleration of the origin of B, W")
+    attitude = quaternion("attitude q_WB")
+    rate = vector("rad/s", "body rate in B")
+    angular_acceleration = vector("rad/s2", "angular acceleration in B")
     moving = real(None, "rate of the way s', over that between the ramps", min=0.0, max=1.0)
 
 

@@ -19,25 +19,13 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import State
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import integer, real
+from fmu_src.kit.records import integer, quaternion, real, vector
 from fmu_src.math import rotations
 
-BODY = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
-BODY_ACCELERATION = real(
-    "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
-)
-ATTITUDE = real(
-    None,
-    "attitude q_WB; a length other than 1 is scaled away",
-    shape=4,
-    axes="wxyz",
-    start=(1, 0, 0, 0),
-    min=-1.01,
-    max=1.01,
-)
-ANGULAR_ACCELERATION = real(
-    "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
-)
+BODY = vector("m", "origin of B in W", min=-10.0, max=10.0)
+BODY_ACCELERATION = vector("m/s2", "acceleration of the origin of B in W", min=-1e3, max=1e3)
+ATTITUDE = quaternion("attitude q_WB; a length other than 1 is scaled away", min=-1.01, max=1.01)
+ANGULAR_ACCELERATION = vector("rad/s2", "angular acceleration in B", min=-1e4, max=1e4)
 """Inputs: motion of a body."""
 GRAVITY = real("m/s2", "gravity g at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
 FIELD_STRENGTH = real(

@@ -4,7 +4,7 @@ from typing import Any
 
 from fmu_src.estimation.micron import model as micron
 from fmu_src.kit import Outputs, Parameters, State
-from fmu_src.kit.records import Derived, boolean, integer, real
+from fmu_src.kit.records import Derived, boolean, integer, real, vector
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.piezo import modulated_stops as stops
 from fmu_src.piezo import prandtl_ishlinskii as plays
@@ -96,12 +96,8 @@ class Precomputed(Operators):
 class In(inertial.In):
     """What the estimator knows."""
 
-    tip_displacement = real(
-        "m", "estimated displacement of the tip, frame W", shape=3, axes="xyz", min=-1.0, max=1.0
-    )
-    external_tremor = real(
-        "m", "tremor that another filter has found, frame W", shape=3, axes="xyz", min=-1.0, max=1.0
-    )
+    tip_displacement = vector("m", "estimated displacement of the tip, frame W", min=-1.0, max=1.0)
+    external_tremor = vector("m", "tremor found by another filter, frame W", min=-1.0, max=1.0)
     hold = boolean("whether the tip shall go to rest and stay there", start=False)
 
 
@@ -127,8 +123,8 @@ class Out(Outputs):
     """Drive, and what it is to cancel."""
 
     volts = real("V", "v, voltages of the stacks", shape=3)
-    tremor = real("m", "y_W, tremor of the tip, frame W", shape=3, axes="xyz")
-    frequency = real("Hz", "its frequency along each axis", shape=3, axes="xyz")
+    tremor = vector("m", "y_W, tremor of the tip, frame W")
+    frequency = vector("Hz", "its frequency along each axis")
     engagement = real(None, "share of the correction that acts, 0 to 1")
     saturated = boolean("whether the tip or a voltage had to be limited")
     singular = boolean("whether a stack is to move faster than its operator can be inverted")

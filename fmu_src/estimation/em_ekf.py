@@ -60,19 +60,19 @@ from fmu_src.filters.error_space import Space
 from fmu_src.filters.error_state import NOTHING, Extended, chosen
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 
 class Nominal(State):
     """State of the filter; RK eq. 1 and what is beyond it."""
 
-    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    attitude = quaternion("q, attitude q_WB")
     rate_bias = real("rad/s", "b in B", shape=3)
     force_bias = real("m/s2", "b_a in B", shape=3)
     distortion = real("rad", "d in F", shape=3)
-    mounting = real(None, "h, q_BC", shape=4, start=(1, 0, 0, 0))
-    registration = real(None, "r, q_WF", shape=4, start=(1, 0, 0, 0))
+    mounting = quaternion("h, q_BC")
+    registration = quaternion("r, q_WF")
 
 
 SPACE = Space(Nominal, "attitude", "mounting", "registration")
@@ -250,18 +250,16 @@ class Params(Parameters):
 class In(Inputs):
     """Samples of both."""
 
-    rate = real("rad/s", "gyro, B", shape=3, axes="xyz", min=-1e3, max=1e3)
-    force = real("m/s2", "accelerometer, B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    field = real("T", "magnetometer, B", shape=3, axes="xyz", min=-1.0, max=1.0)
+    rate = vector("rad/s", "gyro, B", min=-1e3, max=1e3)
+    force = vector("m/s2", "accelerometer, B", min=-1e4, max=1e4)
+    field = vector("T", "magnetometer, B", min=-1.0, max=1.0)
     inertial_valid = boolean(
         "rate, force and field are fresh: false between the samples of a slow unit and where one"
         " is lost",
         start=True,
     )
-    em_position = real("m", "coils in F", shape=3, axes="xyz", min=-100.0, max=100.0)
-    em_attitude = real(
-        None, "attitude of C in F", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2.0, max=2.0
-    )
+    em_position = vector("m", "coils in F", min=-100.0, max=100.0)
+    em_attitude = quaternion("attitude of C in F", min=-2.0, max=2.0)
     em_new = boolean("an attitude arrives at this instant")
     em_age = real("s", "its age on arrival", start=0.025, min=0.0, max=10.0)
 
@@ -269,7 +267,7 @@ class In(Inputs):
 class Gathered(State):
     """Of the samples since the last correction, in the body as it is now."""
 
-    turn = real(None, "quaternion turned through", shape=4, start=(1, 0, 0, 0))
+    turn = quaternion("quaternion turned through")
     angle = real("rad", "angle turned through", min=0.0)
     variance = real("rad2", "what the gyro's noise added, each axis", min=0.0)
     time = real("s", "since the covariance was carried on", min=0.0)
@@ -304,12 +302,12 @@ class X(State):
 class Out(Outputs):
     """Attitude, and how far to believe it."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    body_rate = real("rad/s", "body rate in B, bias removed", shape=3, axes="xyz")
-    rate_bias = real("rad/s", "bias of the gyro in B", shape=3, axes="xyz")
-    distortion = real("rad", "distortion d of the tracker's attitude in F", shape=3, axes="xyz")
-    mounting = real(None, "hand-eye rotation q_BC", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    registration = real(None, "registration q_WF", shape=4, axes="wxyz", start=(1, 0, 0, 0))
+    attitude = quaternion("attitude q_WB")
+    body_rate = vector("rad/s", "body rate in B, bias removed")
+    rate_bias = vector("rad/s", "bias of the gyro in B")
+    distortion = vector("rad", "distortion d of the tracker's attitude in F")
+    mounting = quaternion("hand-eye rotation q_BC")
+    registration = quaternion("registration q_WF")
     valid = boolean("the attitude may be used")
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     em_lost = boolean("the tracker has said nothing usable for longer than its patience")
@@ -317,11 +315,11 @@ class Out(Outputs):
     magnetic_disturbance = boolean(
         "the magnetometer hardly counts: strength or dip of its field, now or not long ago"
     )
-    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    rate_bias_sigma = real("rad/s", "standard deviation of b", shape=3, axes="xyz", min=0.0)
-    distortion_sigma = real("rad", "standard deviation of d", shape=3, axes="xyz", min=0.0)
-    mounting_sigma = real("rad", "standard deviation of h", shape=3, axes="xyz", min=0.0)
-    registration_sigma = real("rad", "standard deviation of r", shape=3, axes="xyz", min=0.0)
+    attitude_sigma = vector("rad", "standard deviation of q in B", min=0.0)
+    rate_bias_sigma = vector("rad/s", "standard deviation of b", min=0.0)
+    distortion_sigma = vector("rad", "standard deviation of d", min=0.0)
+    mounting_sigma = vector("rad", "standard deviation of h", min=0.0)
+    registration_sigma = vector("rad", "standard deviation of r", min=0.0)
     innovation_squared = real(
         None, "normalised innovation squared of this sample's corrections", min=0.0
     )

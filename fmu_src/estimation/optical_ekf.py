@@ -37,14 +37,14 @@ from fmu_src.filters.error_space import Space
 from fmu_src.filters.error_state import Extended, chosen, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 
 class Nominal(State):
     """C23 eq. 12."""
 
-    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    attitude = quaternion("q, attitude q_WB")
     rate = real("rad/s", "w in B", shape=3)
     rate_bias = real("rad/s", "b in B", shape=3)
     lag = real("s", "t_g, by which the gyro is behind the tracker's clock")
@@ -118,14 +118,12 @@ class Params(Parameters):
 class In(Inputs):
     """Samples of both."""
 
-    rate = real("rad/s", "gyro, B", shape=3, axes="xyz", min=-1e3, max=1e3)
+    rate = vector("rad/s", "gyro, B", min=-1e3, max=1e3)
     inertial_valid = boolean(
         "the rate is fresh: false between the samples of a slow gyro and where one is lost",
         start=True,
     )
-    optical_attitude = real(
-        None, "attitude of B in W", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2.0, max=2.0
-    )
+    optical_attitude = quaternion("attitude of B in W", min=-2.0, max=2.0)
     optical_new = boolean("an attitude arrives at this instant")
     optical_age = real("s", "its age on arrival", start=0.016, min=0.0, max=10.0)
 
@@ -143,15 +141,15 @@ class X(State):
 class Out(Outputs):
     """Attitude and rate, and how far to believe them."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    body_rate = real("rad/s", "body rate w in B", shape=3, axes="xyz")
-    rate_bias = real("rad/s", "bias of the gyro in B", shape=3, axes="xyz")
+    attitude = quaternion("attitude q_WB")
+    body_rate = vector("rad/s", "body rate w in B")
+    rate_bias = vector("rad/s", "bias of the gyro in B")
     valid = boolean("attitude and rate may be used")
     inertial_lost = boolean("the gyro is missing, frozen or clipped")
     optical_lost = boolean("the line of sight is lost")
-    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
-    rate_bias_sigma = real("rad/s", "standard deviation of b in B", shape=3, axes="xyz", min=0.0)
+    attitude_sigma = vector("rad", "standard deviation of q in B", min=0.0)
+    body_rate_sigma = vector("rad/s", "standard deviation of w in B", min=0.0)
+    rate_bias_sigma = vector("rad/s", "standard deviation of b in B", min=0.0)
     lag_seen = real("s", "lag t_g of the gyro")
     lag_seen_sigma = real("s", "standard deviation of t_g", min=0.0)
     innovation_squared = real(

@@ -47,7 +47,7 @@ from fmu_src.filters.error_space import Space, slope
 from fmu_src.filters.error_state import Filter, chosen, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 SAMPLE_PERIOD = 1e-3
@@ -65,7 +65,7 @@ POSE, MARKER = 6, 3 * MARKERS
 class Nominal(State):
     """State of the filter; what bends the process comes first, then what else it depends on."""
 
-    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    attitude = quaternion("q, attitude q_WB")
     rate_bias = real("rad/s", "b_g", shape=3)
     rate_matrix = real(None, "M_g", shape=(3, 3))
     rate_lag = real("s", "t_g")
@@ -76,7 +76,7 @@ class Nominal(State):
     force_matrix = real(None, "M_a", shape=(3, 3))
     gravity = real("m/s2", "G in W", shape=3)
     lever = real("m", "l in B", shape=3)
-    mounting = real(None, "m, q_BO", shape=4, start=(1, 0, 0, 0))
+    mounting = quaternion("m, q_BO")
     position_offset = real("m", "o_p in W", shape=3)
     flicker = real("m", "o_f in W", shape=3)
     attitude_offset = real("rad", "o_q in O", shape=3)
@@ -174,16 +174,14 @@ class Params(Parameters):
 class In(Inputs):
     """Samples of both."""
 
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-1e3, max=1e3)
-    force = real("m/s2", "specific force in B", shape=3, axes="xyz", min=-1e4, max=1e4)
+    rate = vector("rad/s", "body rate in B", min=-1e3, max=1e3)
+    force = vector("m/s2", "specific force in B", min=-1e4, max=1e4)
     inertial_valid = boolean(
         "rate and force are fresh: false between the samples of a slow unit and where one is lost",
         start=True,
     )
-    optical_position = real("m", "z_p, tracked body in W", shape=3, axes="xyz", min=-1e3, max=1e3)
-    optical_attitude = real(
-        None, "z_q, tracked body in W", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2, max=2
-    )
+    optical_position = vector("m", "z_p, tracked body in W", min=-1e3, max=1e3)
+    optical_attitude = quaternion("z_q, tracked body in W", min=-2, max=2)
     optical_new = boolean("a pose arrives at this instant")
     optical_age = real(
         "s",
@@ -192,10 +190,10 @@ class In(Inputs):
         max=10.0,
     )
     optical_markers_new = boolean("markers arrive at this instant; used where there is no pose")
-    optical_marker1 = real("m", "z_1 in W", shape=3, axes="xyz", min=-1e3, max=1e3)
-    optical_marker2 = real("m", "z_2 in W", shape=3, axes="xyz", min=-1e3, max=1e3)
-    optical_marker3 = real("m", "z_3 in W", shape=3, axes="xyz", min=-1e3, max=1e3)
-    optical_marker4 = real("m", "z_4 in W", shape=3, axes="xyz", min=-1e3, max=1e3)
+    optical_marker1 = vector("m", "z_1 in W", min=-1e3, max=1e3)
+    optical_marker2 = vector("m", "z_2 in W", min=-1e3, max=1e3)
+    optical_marker3 = vector("m", "z_3 in W", min=-1e3, max=1e3)
+    optical_marker4 = vector("m", "z_4 in W", min=-1e3, max=1e3)
     optical_visible1 = boolean("marker 1 is among them")
     optical_visible2 = boolean("marker 2 is among them")
     optical_visible3 = boolean("marker 3 is among them")
@@ -222,28 +220,24 @@ class X(State):
 class Out(Outputs):
     """Pose of the tracked body now, how far to believe it, and what has been learnt."""
 
-    attitude = real(None, "q_WO", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    position = real("m", "of the tracked body in W", shape=3, axes="xyz")
-    velocity = real("m/s", "of the tracked body in W", shape=3, axes="xyz")
-    body_rate = real("rad/s", "body rate in B, bias removed", shape=3, axes="xyz")
+    attitude = quaternion("q_WO")
+    position = vector("m", "of the tracked body in W")
+    velocity = vector("m/s", "of the tracked body in W")
+    body_rate = vector("rad/s", "body rate in B, bias removed")
     valid = boolean("the pose may be used")
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     optical_lost = boolean("no pose or marker could be used of late")
-    attitude_sigma = real("rad", "standard deviation of q_WO in O", shape=3, axes="xyz", min=0.0)
-    position_sigma = real(
-        "m", "standard deviation of the position in W", shape=3, axes="xyz", min=0.0
-    )
-    velocity_sigma = real(
-        "m/s", "standard deviation of the velocity in W", shape=3, axes="xyz", min=0.0
-    )
-    rate_bias = real("rad/s", "b_g in B", shape=3, axes="xyz")
-    rate_bias_sigma = real("rad/s", "its standard deviation", shape=3, axes="xyz", min=0.0)
-    force_bias = real("m/s2", "b_a in B", shape=3, axes="xyz")
-    force_bias_sigma = real("m/s2", "its standard deviation", shape=3, axes="xyz", min=0.0)
-    lever = real("m", "l in B", shape=3, axes="xyz")
-    lever_sigma = real("m", "its standard deviation", shape=3, axes="xyz", min=0.0)
-    mounting = real(None, "q_BO", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    mounting_sigma = real("rad", "its standard deviation in O", shape=3, axes="xyz", min=0.0)
+    attitude_sigma = vector("rad", "standard deviation of q_WO in O", min=0.0)
+    position_sigma = vector("m", "standard deviation of the position in W", min=0.0)
+    velocity_sigma = vector("m/s", "standard deviation of the velocity in W", min=0.0)
+    rate_bias = vector("rad/s", "b_g in B")
+    rate_bias_sigma = vector("rad/s", "its standard deviation", min=0.0)
+    force_bias = vector("m/s2", "b_a in B")
+    force_bias_sigma = vector("m/s2", "its standard deviation", min=0.0)
+    lever = vector("m", "l in B")
+    lever_sigma = vector("m", "its standard deviation", min=0.0)
+    mounting = quaternion("q_BO")
+    mounting_sigma = vector("rad", "its standard deviation in O", min=0.0)
     rate_lag = real("s", "t_g")
     rate_lag_sigma = real("s", "its standard deviation", min=0.0)
     force_lag = real("s", "t_a")

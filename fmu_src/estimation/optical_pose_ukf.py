@@ -43,7 +43,7 @@ from fmu_src.filters.error_space import Space
 from fmu_src.filters.error_state import Unscented, chosen, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 INERTIAL = 6
@@ -56,7 +56,7 @@ class Nominal(State):
     position = real("m", "p in W", shape=3)
     velocity = real("m/s", "v in W", shape=3)
     acceleration = real("m/s2", "a in W", shape=3)
-    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    attitude = quaternion("q, attitude q_WB")
     body_rate = real("rad/s", "w in B", shape=3)
 
 
@@ -109,16 +109,14 @@ class Params(Parameters):
 class In(Inputs):
     """Samples of both."""
 
-    rate = real("rad/s", "gyros, B", shape=3, axes="xyz", min=-1e3, max=1e3)
-    force = real("m/s2", "specific force in B", shape=3, axes="xyz", min=-1e4, max=1e4)
+    rate = vector("rad/s", "gyros, B", min=-1e3, max=1e3)
+    force = vector("m/s2", "specific force in B", min=-1e4, max=1e4)
     inertial_valid = boolean(
         "rate and force are fresh: false between the samples of a slow unit and where one is lost",
         start=True,
     )
-    optical_position = real("m", "tracked body in W", shape=3, axes="xyz", min=-1e3, max=1e3)
-    optical_attitude = real(
-        None, "tracked body in W", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2.0, max=2.0
-    )
+    optical_position = vector("m", "tracked body in W", min=-1e3, max=1e3)
+    optical_attitude = quaternion("tracked body in W", min=-2.0, max=2.0)
     optical_new = boolean("a pose arrives at this instant")
     optical_age = real(
         "s", "d, its age on arrival; below 0 for a tracker that predicts", min=-0.1, max=10.0
@@ -142,23 +140,19 @@ class X(State):
 class Out(Outputs):
     """Pose of the tracked body and its derivatives, and how far to believe them."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    position = real("m", "of the tracked body in W", shape=3, axes="xyz")
-    velocity = real("m/s", "of the tracked body in W", shape=3, axes="xyz")
-    acceleration = real("m/s2", "a, of the inertial unit in W", shape=3, axes="xyz")
-    body_rate = real("rad/s", "w in B", shape=3, axes="xyz")
+    attitude = quaternion("attitude q_WB")
+    position = vector("m", "of the tracked body in W")
+    velocity = vector("m/s", "of the tracked body in W")
+    acceleration = vector("m/s2", "a, of the inertial unit in W")
+    body_rate = vector("rad/s", "w in B")
     valid = boolean("the pose may be used")
     inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
     optical_lost = boolean("no pose could be used of late")
-    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    position_sigma = real(
-        "m", "standard deviation of the position in W", shape=3, axes="xyz", min=0.0
-    )
-    velocity_sigma = real(
-        "m/s", "standard deviation of the velocity in W", shape=3, axes="xyz", min=0.0
-    )
-    acceleration_sigma = real("m/s2", "standard deviation of a in W", shape=3, axes="xyz", min=0.0)
-    body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
+    attitude_sigma = vector("rad", "standard deviation of q in B", min=0.0)
+    position_sigma = vector("m", "standard deviation of the position in W", min=0.0)
+    velocity_sigma = vector("m/s", "standard deviation of the velocity in W", min=0.0)
+    acceleration_sigma = vector("m/s2", "standard deviation of a in W", min=0.0)
+    body_rate_sigma = vector("rad/s", "standard deviation of w in B", min=0.0)
     innovation_squared = real(
         None, "normalised innovation squared of the corrections at this sample", min=0.0
     )

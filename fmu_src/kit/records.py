@@ -91,6 +91,16 @@ def real(
     return dataclasses.replace(field, listed=listed)
 
 
+def vector(unit: str | None, description: str, **options: Any) -> Any:
+    """Declare a real vector along x, y and z; options as those of `real`."""
+    return real(unit, description, shape=3, axes="xyz", **options)
+
+
+def quaternion(description: str, **options: Any) -> Any:
+    """Declare a unit quaternion, w first, starting as no rotation; options as those of `real`."""
+    return real(None, description, start=(1, 0, 0, 0), shape=4, axes="wxyz", **options)
+
+
 def integer(description: str, *, start: int = 0, min: int, max: int, tunable: bool = False) -> Any:
     """Declare an integer variable, as for a choice or a seed."""
     return _field("Integer", None, description, start, min, max, (), None, tunable)

@@ -68,7 +68,7 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, real, vector
 from fmu_src.math import rotations
 
 LEG_ANGLES = np.radians([0.0, 120.0, 240.0])
@@ -116,9 +116,7 @@ class Geometry(Parameters):
 class In(Inputs):
     """Where the tip shall be."""
 
-    displacement = real(
-        "m", "d, tip less tip at zero stroke, in frame 0", shape=3, axes="xyz", min=-0.1, max=0.1
-    )
+    displacement = vector("m", "d, tip less tip at zero stroke, in frame 0", min=-0.1, max=0.1)
 
 
 class Out(Outputs):

@@ -28,7 +28,7 @@ import casadi as ca
 
 from fmu_src.kit import Outputs, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, real
+from fmu_src.kit.records import Inputs, real, vector
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.manipulator.parallel_3dof import Geometry
 
@@ -42,7 +42,7 @@ class In(Inputs):
 class Out(Outputs):
     """Where they bring the tip."""
 
-    displacement = real("m", "d, tip less tip at zero stroke, in frame 0", shape=3, axes="xyz")
+    displacement = vector("m", "d, tip less tip at zero stroke, in frame 0")
     jacobian = real(None, "J, displacement of the tip by stroke, row axis", shape=(3, 3))
 
 

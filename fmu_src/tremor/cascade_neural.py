@@ -46,7 +46,7 @@ import numpy as np
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, integer, real
+from fmu_src.kit.records import Inputs, boolean, integer, real, vector
 
 SAMPLE_PERIOD = 4e-3
 """Of the recordings that are trained on, there and here [s]."""
@@ -128,7 +128,7 @@ class Params(Parameters):
 class In(Inputs):
     """Motion of the tip."""
 
-    position = real("m", "tip position", shape=3, axes="xyz", min=-REACH, max=REACH)
+    position = vector("m", "tip position", min=-REACH, max=REACH)
     valid = boolean("whether the position can be trusted", start=True)
 
 
@@ -142,8 +142,8 @@ class X(State):
 class Out(Outputs):
     """What is meant, and what is not."""
 
-    motion = real("m", "m, tip motion without error", shape=3, axes="xyz")
-    error = real("m", "e, position less that motion", shape=3, axes="xyz")
+    motion = vector("m", "m, tip motion without error")
+    error = vector("m", "e, position less that motion")
 
 
 def units(p: Params) -> list[Any]:

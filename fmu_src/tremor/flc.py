@@ -27,7 +27,7 @@ import numpy as np
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, real
+from fmu_src.kit.records import Inputs, real, vector
 
 HARMONICS = 1
 """M. The second harmonic of an 8 to 12 Hz tremor lies beyond what hands show above their noise."""
@@ -51,7 +51,7 @@ class Params(Parameters):
 class In(Inputs):
     """What holds the tone."""
 
-    position = real("m", "s, position that holds the tone", shape=3, axes="xyz", min=-1.0, max=1.0)
+    position = vector("m", "s, position that holds the tone", min=-1.0, max=1.0)
 
 
 class X(State):
@@ -64,7 +64,7 @@ class X(State):
 class Out(Outputs):
     """The tone."""
 
-    tremor = real("m", "y, the tone in the position", shape=3, axes="xyz")
+    tremor = vector("m", "y, the tone in the position")
 
 
 def advance(phase: Any, frequency: Any, T: float) -> ca.SX:

@@ -61,7 +61,7 @@ import numpy as np
 
 from fmu_src.device import sensing_kinematics as kinematics
 from fmu_src.kit import Parameters, State
-from fmu_src.kit.records import Derived, Inputs, boolean, real
+from fmu_src.kit.records import Derived, Inputs, boolean, quaternion, real
 from fmu_src.math import elliptic
 from fmu_src.math.phasors import Pair
 
@@ -110,15 +110,7 @@ class In(Inputs):
         min=-1e3,
         max=1e3,
     )
-    attitude = real(
-        None,
-        "q_WB, unit quaternion, body to world",
-        shape=4,
-        axes="wxyz",
-        start=(1.0, 0.0, 0.0, 0.0),
-        min=-1.001,
-        max=1.001,
-    )
+    attitude = quaternion("q_WB, unit quaternion, body to world", min=-1.001, max=1.001)
     valid = boolean("whether both can be trusted", start=True)
 
 

@@ -9,7 +9,7 @@
 """
 
 from fmu_src.kit import Outputs, Parameters
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, real, vector
 
 WASH_OUT = real(
     "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
@@ -27,11 +27,11 @@ class Surroundings(Parameters):
 class In(Inputs):
     """Motion of the tip."""
 
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
+    position = vector("m", "tip position", min=-1.0, max=1.0)
     valid = boolean("whether the position can be trusted", start=True)
 
 
 class Out(Outputs):
     """The tremor."""
 
-    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
+    tremor = vector("m", "y, tremor at t + h")

@@ -58,7 +58,7 @@ import numpy as np
 from fmu_src.kit import Outputs, State
 from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, boolean, real, vector
 from fmu_src.math import phasors, zero_phase
 from fmu_src.math.pairwise import total
 from fmu_src.tremor import blocks
@@ -126,7 +126,7 @@ class X(State):
 class Out(Outputs):
     """What is found."""
 
-    tremor = real("m", "tremor along each axis, a horizon ahead", shape=3, axes="xyz")
+    tremor = vector("m", "tremor along each axis, a horizon ahead")
 
 
 class Weights(Derived):

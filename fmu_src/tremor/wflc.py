@@ -34,7 +34,7 @@ import numpy as np
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, real
+from fmu_src.kit.records import Inputs, real, vector
 from fmu_src.tremor import flc
 
 
@@ -54,7 +54,7 @@ class WflcParams(Parameters):
 class In(Inputs):
     """What holds the tone."""
 
-    position = real("m", "s, prefiltered position", shape=3, axes="xyz", min=-1.0, max=1.0)
+    position = vector("m", "s, prefiltered position", min=-1.0, max=1.0)
 
 
 class WflcState(State):
@@ -68,8 +68,8 @@ class WflcState(State):
 class Out(Outputs):
     """The tone."""
 
-    tremor = real("m", "y, the tone in the position", shape=3, axes="xyz")
-    frequency = real("Hz", "f, its frequency", shape=3, axes="xyz")
+    tremor = vector("m", "y, the tone in the position")
+    frequency = vector("Hz", "f, its frequency")
 
 
 def frequency(p: WflcParams, x: WflcState) -> ca.SX:

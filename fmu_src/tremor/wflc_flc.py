@@ -41,7 +41,7 @@ import numpy as np
 
 from fmu_src.kit import Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import boolean, real
+from fmu_src.kit.records import boolean, real, vector
 from fmu_src.math.elliptic import EllipticState, band_pass
 from fmu_src.tremor import flc, ports, wflc
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In
@@ -75,7 +75,7 @@ class WflcFlcState(State):
 class Out(ports.Out):
     """The tremor, and its frequency."""
 
-    frequency = real("Hz", "f, its frequency", shape=3, axes="xyz")
+    frequency = vector("Hz", "f, its frequency")
 
 
 def estimate(

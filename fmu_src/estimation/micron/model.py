@@ -60,7 +60,7 @@ from fmu_src.estimation.micron.vertical import Vertical, correct_tilt
 from fmu_src.filters import triad
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, quaternion, real, vector
 from fmu_src.math import rotations
 
 ZERO_MEMORY = 5.0
@@ -168,7 +168,7 @@ class X(State):
     age = real("s", "time since the start")
     started = boolean("a first sample is past")
     confirmed = boolean("a second one agrees with it")
-    q = real(None, "attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    q = quaternion("attitude q_WB")
     w_i = real("rad/s", "integral of alpha", shape=3)
     b = real("rad/s", "bias of w_I", shape=3)
     zero = real("m/s2", "A_D at rest", shape=3)
@@ -193,14 +193,14 @@ class X(State):
 class Out(Outputs):
     """Pose, tip motion, compensated channels, and how far to believe them."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    rate = real("rad/s", "body rate in B, bias removed", shape=3, axes="xyz")
-    rate_bias = real("rad/s", "bias of the integrated rate in B", shape=3, axes="xyz")
-    tip_acceleration = real("m/s2", "tip acceleration in W without gravity", shape=3, axes="xyz")
-    tip_velocity = real("m/s", "tip velocity in W, washed out", shape=3, axes="xyz")
-    tip_displacement = real("m", "tip displacement in W, washed out", shape=3, axes="xyz")
+    attitude = quaternion("attitude q_WB")
+    rate = vector("rad/s", "body rate in B, bias removed")
+    rate_bias = vector("rad/s", "bias of the integrated rate in B")
+    tip_acceleration = vector("m/s2", "tip acceleration in W without gravity")
+    tip_velocity = vector("m/s", "tip velocity in W, washed out")
+    tip_displacement = vector("m", "tip displacement in W, washed out")
     valid = boolean("the outputs may be used")
-    innovation = real("rad", "attitude measured minus predicted, in B", shape=3, axes="xyz")
+    innovation = vector("rad", "attitude measured minus predicted, in B")
     innovation_squared = real(
         None,
         "normalised innovation squared of what was taken in; its mean is innovation_size when the"
@@ -210,19 +210,15 @@ class Out(Outputs):
     innovation_size = real(
         None, "degrees of freedom that were taken in: vertical 2, north 1", min=0.0, max=3.0
     )
-    attitude_sigma = real(
-        "rad", "standard deviation of the attitude error in B", shape=3, axes="xyz", min=0.0
-    )
-    rate_bias_sigma = real(
-        "rad/s", "standard deviation of the rate's bias in B", shape=3, axes="xyz", min=0.0
-    )
+    attitude_sigma = vector("rad", "standard deviation of the attitude error in B", min=0.0)
+    rate_bias_sigma = vector("rad/s", "standard deviation of the rate's bias in B", min=0.0)
     magnetic_disturbance = boolean("the field is not believed, and north is not corrected")
     acceleration_disturbance = boolean("the hand accelerates: the vertical counts less or nothing")
     at_rest = boolean("the instrument rests")
     frozen = boolean("a channel repeats itself to the bit")
     clipped = boolean("a channel is at the end of its range")
     force = real("m/s2", "compensated specific force", shape=6, axes=kinematics.CHANNELS)
-    field = real(None, "unit magnetic field in B", shape=3, axes="xyz")
+    field = vector(None, "unit magnetic field in B")
 
 
 def derive(p: Params, T: float) -> Gains:
