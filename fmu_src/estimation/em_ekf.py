@@ -55,9 +55,10 @@ import numpy as np
 
 from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation import ports
 from fmu_src.filters import triad
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import NOTHING, Extended, chosen
+from fmu_src.filters.error_state import NOTHING, Extended, chosen, correct_if
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
@@ -105,9 +106,7 @@ class Inertial(Parameters):
     )
     bias_walk = real("rad/s1.5", "density of the walk of b", start=3e-6, min=0.0, max=1.0)
     bias_sigma = real("rad/s", "of b at the start", start=0.02, min=0.0, max=1.0)
-    moving_rate = real(
-        "rad/s/Hz0.5", "density of the rate where no sample tells it", start=1.0, min=1e-3, max=100
-    )
+    moving_rate = ports.MOVING_RATE
     force_noise = real(
         "m/s2/Hz0.5",
         "one-sided density of the accelerometer's noise",
@@ -203,28 +202,9 @@ class Tracker(Parameters):
         min=-0.05,
         max=0.05,
     )
-    gate = real(
-        None,
-        "normalised innovation squared for each degree of freedom, beyond which an attitude counts"
-        " less",
-        start=9.0,
-        min=1.0,
-        max=1e6,
-    )
-    astray = real(
-        "s",
-        "for which every attitude is beyond the gate, after which the filter starts anew from it",
-        start=2.0,
-        min=0.01,
-        max=1e3,
-    )
-    patience = real(
-        "s",
-        "without an attitude, after which the tracker counts as lost",
-        start=0.2,
-        min=1e-3,
-        max=100.0,
-    )
+    gate = ports.gate("an attitude counts less")
+    astray = ports.astray(2.0)
+    patience = ports.patience(0.2)
     hard_switching = boolean("whether it is used only where gravity or field are not (RK III.D)")
 
 
@@ -238,28 +218,18 @@ class Params(Parameters):
     wait = real(
         "s", "for the tracker, before gravity and field start the filter", start=0.3, min=0, max=60
     )
-    attitude_limit = real(
-        "rad",
-        "standard deviation beyond which the attitude is not valid",
-        start=0.02,
-        min=1e-6,
-        max=4.0,
-    )
+    attitude_limit = ports.attitude_limit(0.02)
 
 
 class In(Inputs):
     """Samples of both."""
 
-    rate = vector("rad/s", "gyro, B", min=-1e3, max=1e3)
-    force = vector("m/s2", "accelerometer, B", min=-1e4, max=1e4)
+    rate = ports.RATE
+    force = ports.FORCE
     field = vector("T", "magnetometer, B", min=-1.0, max=1.0)
-    inertial_valid = boolean(
-        "rate, force and field are fresh: false between the samples of a slow unit and where one"
-        " is lost",
-        start=True,
-    )
+    inertial_valid = ports.INERTIAL_VALID
     em_position = vector("m", "coils in F", min=-100.0, max=100.0)
-    em_attitude = quaternion("attitude of C in F", min=-2.0, max=2.0)
+    em_attitude = ports.tracked_attitude("C in F")
     em_new = boolean("an attitude arrives at this instant")
     em_age = real("s", "its age on arrival", start=0.025, min=0.0, max=10.0)
 
@@ -288,7 +258,7 @@ class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal: Any = Nominal
-    P = real(None, "covariance of the error", shape=(SIZE, SIZE), listed=False)
+    P = SPACE.covariance()
     started = boolean("whether the filter has an attitude")
     age = real("s", "time since the first sample", min=0.0)
     gathered: Any = Gathered
@@ -302,28 +272,26 @@ class X(State):
 class Out(Outputs):
     """Attitude, and how far to believe it."""
 
-    attitude = quaternion("attitude q_WB")
+    attitude = ports.ATTITUDE
     body_rate = vector("rad/s", "body rate in B, bias removed")
     rate_bias = vector("rad/s", "bias of the gyro in B")
     distortion = vector("rad", "distortion d of the tracker's attitude in F")
     mounting = quaternion("hand-eye rotation q_BC")
     registration = quaternion("registration q_WF")
     valid = boolean("the attitude may be used")
-    inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
+    inertial_lost = ports.INERTIAL_LOST
     em_lost = boolean("the tracker has said nothing usable for longer than its patience")
     accelerated = boolean("gravity counts less than half, or not at all: the body accelerates")
     magnetic_disturbance = boolean(
         "the magnetometer hardly counts: strength or dip of its field, now or not long ago"
     )
-    attitude_sigma = vector("rad", "standard deviation of q in B", min=0.0)
-    rate_bias_sigma = vector("rad/s", "standard deviation of b", min=0.0)
+    attitude_sigma = ports.ATTITUDE_SIGMA
+    rate_bias_sigma = ports.RATE_BIAS_SIGMA
     distortion_sigma = vector("rad", "standard deviation of d", min=0.0)
     mounting_sigma = vector("rad", "standard deviation of h", min=0.0)
     registration_sigma = vector("rad", "standard deviation of r", min=0.0)
-    innovation_squared = real(
-        None, "normalised innovation squared of this sample's corrections", min=0.0
-    )
-    innovation_size = real(None, "its degrees of freedom, 0 without a correction", min=0.0)
+    innovation_squared = ports.INNOVATION_SQUARED
+    innovation_size = ports.INNOVATION_SIZE
 
 
 def process(x: Any, u: Any) -> Nominal:
@@ -608,13 +576,10 @@ def _correct_by_gravity(p: Params, x: X, d: Due, nominal: Any, P: Any) -> Gravit
     accelerated = ca.if_else(e.hard_switching, ca.logic_not(calm), moving > resting)
     R_f = (resting + moving) * ca.DM.eye(3)
     by_gravity = ca.logic_and(d.aided, ca.logic_not(ca.logic_and(e.hard_switching, accelerated)))
-
-    def with_gravity(nominal: Any, P: Any, known: Any, R: Any, gate: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(gravity_residual, nominal, known, P, R, gate)
-        return found.x, found.P, found.squared
-
     known = ca.vertcat(d.mean[:3], i.gravity)
-    nominal, P, squared = chosen(by_gravity, with_gravity, nominal, P, known, R_f, e.gate)
+    nominal, P, squared = correct_if(
+        by_gravity, FILTER, gravity_residual, nominal, P, known, R_f, e.gate
+    )
     return Gravity(nominal, P, squared, by_gravity, acceleration, accelerated)
 
 
@@ -656,15 +621,12 @@ def _correct_by_field(p: Params, x: X, d: Due, gravity: Gravity) -> Heading:
     R_h = ((m.noise / horizontal) ** 2 + heading_density**2) / (2 * g.waited)
     usable = ca.logic_and(m.used, ca.logic_not(disturbed))
     by_heading = ca.logic_and(gravity.by, ca.if_else(e.hard_switching, usable, m.used))
-
-    def with_heading(nominal: Any, P: Any, known: Any, R: Any, gate: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(heading_residual, nominal, known, P, R, gate)
-        return found.x, found.P, found.squared
-
     q = Nominal.unpack(nominal).attitude
     (measured,) = sources.recorded("heading", heading, q, field)
     known = ca.vertcat(measured, q, m.inclination)
-    nominal, P, squared = chosen(by_heading, with_heading, nominal, gravity.P, known, R_h, e.gate)
+    nominal, P, squared = correct_if(
+        by_heading, FILTER, heading_residual, nominal, gravity.P, known, R_h, e.gate
+    )
     return Heading(nominal, P, squared, by_heading, usable, doubt, disturbed)
 
 

@@ -33,8 +33,9 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation import ports
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Extended, chosen, deviation
+from fmu_src.filters.error_state import Extended, chosen, correct_if, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
@@ -84,46 +85,18 @@ class Params(Parameters):
     lag = real("s", "t_g", start=0.0, min=-0.05, max=0.05)
     lag_sigma = real("s", "of t_g at the start", start=0.0, min=0.0, max=0.1)
     rate_sigma = real("rad/s", "of w at the start", start=1.0, min=1e-6, max=100.0)
-    gate = real(
-        None,
-        "normalised innovation squared for each degree of freedom, beyond which an attitude counts"
-        " less",
-        start=9.0,
-        min=1.0,
-        max=1e6,
-    )
-    astray = real(
-        "s",
-        "for which every attitude is beyond the gate, after which the filter starts anew",
-        start=1.0,
-        min=0.01,
-        max=1e3,
-    )
-    attitude_limit = real(
-        "rad",
-        "standard deviation beyond which the attitude is not valid",
-        start=0.02,
-        min=1e-6,
-        max=4.0,
-    )
-    occlusion_limit = real(
-        "s",
-        "without an attitude, after which the line of sight counts as lost",
-        start=0.1,
-        min=1e-3,
-        max=100.0,
-    )
+    gate = ports.gate("an attitude counts less")
+    astray = ports.astray(1.0)
+    attitude_limit = ports.attitude_limit(0.02)
+    occlusion_limit = ports.patience(0.1)
 
 
 class In(Inputs):
     """Samples of both."""
 
-    rate = vector("rad/s", "gyro, B", min=-1e3, max=1e3)
-    inertial_valid = boolean(
-        "the rate is fresh: false between the samples of a slow gyro and where one is lost",
-        start=True,
-    )
-    optical_attitude = quaternion("attitude of B in W", min=-2.0, max=2.0)
+    rate = ports.RATE
+    inertial_valid = ports.INERTIAL_VALID
+    optical_attitude = ports.tracked_attitude("B in W")
     optical_new = boolean("an attitude arrives at this instant")
     optical_age = real("s", "its age on arrival", start=0.016, min=0.0, max=10.0)
 
@@ -132,7 +105,7 @@ class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal: Any = Nominal
-    P = real(None, "covariance of the error", shape=(SIZE, SIZE), listed=False)
+    P = SPACE.covariance()
     started = boolean("an attitude has come")
     unit: Any = sources.Unit
     tracked: Any = sources.Tracked
@@ -141,21 +114,19 @@ class X(State):
 class Out(Outputs):
     """Attitude and rate, and how far to believe them."""
 
-    attitude = quaternion("attitude q_WB")
+    attitude = ports.ATTITUDE
     body_rate = vector("rad/s", "body rate w in B")
     rate_bias = vector("rad/s", "bias of the gyro in B")
     valid = boolean("attitude and rate may be used")
-    inertial_lost = boolean("the gyro is missing, frozen or clipped")
+    inertial_lost = ports.INERTIAL_LOST
     optical_lost = boolean("the line of sight is lost")
-    attitude_sigma = vector("rad", "standard deviation of q in B", min=0.0)
+    attitude_sigma = ports.ATTITUDE_SIGMA
     body_rate_sigma = vector("rad/s", "standard deviation of w in B", min=0.0)
-    rate_bias_sigma = vector("rad/s", "standard deviation of b in B", min=0.0)
+    rate_bias_sigma = ports.RATE_BIAS_SIGMA
     lag_seen = real("s", "lag t_g of the gyro")
     lag_seen_sigma = real("s", "standard deviation of t_g", min=0.0)
-    innovation_squared = real(
-        None, "normalised innovation squared of this sample's corrections", min=0.0
-    )
-    innovation_size = real(None, "its degrees of freedom, 0 without a correction", min=0.0)
+    innovation_squared = ports.INNOVATION_SQUARED
+    innovation_size = ports.INNOVATION_SIZE
 
 
 def process(x: Any, u: Any) -> Nominal:
@@ -213,13 +184,11 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     before = x.nominal.pack()
     nominal, P = FILTER.predict(process, before, ca.MX(T), x.P, process_noise(p, T))
 
-    def by_gyro(nominal: Any, P: Any, w: Any, R: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(gyro_residual, nominal, w, P, R)
-        return found.x, found.P, found.squared
-
     R_w = p.rate_noise**2 / (2 * p.rate_interval) * ca.DM.eye(3)
     counted = ca.logic_and(usable, x.started)
-    nominal, P, squared = chosen(counted, by_gyro, nominal, P, sample.sensed[:3], R_w)
+    nominal, P, squared = correct_if(
+        counted, FILTER, gyro_residual, nominal, P, sample.sensed[:3], R_w
+    )
 
     # Before there is an attitude the gyro alone tells the turns.
     w = ca.if_else(x.started, Nominal.unpack(nominal).rate, sample.sensed[:3])

@@ -43,11 +43,12 @@ import casadi as ca
 
 from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation import ports
 from fmu_src.filters.error_space import Space, slope
 from fmu_src.filters.error_state import Filter, chosen, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
+from fmu_src.kit.records import boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 SAMPLE_PERIOD = 1e-3
@@ -105,9 +106,7 @@ class Inertial(Parameters):
         min=0.0,
         max=1.0,
     )
-    moving_rate = real(
-        "rad/s/Hz0.5", "density of the rate where no sample tells it", start=1.0, min=1e-3, max=100
-    )
+    moving_rate = ports.MOVING_RATE
     moving_force = real(
         "m/s2/Hz0.5", "density of the force where no sample tells it", start=3.0, min=1e-2, max=1e3
     )
@@ -140,17 +139,8 @@ class Tracker(Parameters):
     markers = real(
         "m", "r_i in O, one a row", shape=(MARKERS, 3), start=design.MARKERS, min=-1.0, max=1.0
     )
-    gate = real(
-        None,
-        "normalised innovation squared for each degree of freedom, beyond which a pose counts less"
-        " unless the one before was as unlikely",
-        start=9.0,
-        min=1.0,
-        max=1e6,
-    )
-    patience = real(
-        "s", "time without a pose, after which it is told", start=0.1, min=1e-3, max=100.0
-    )
+    gate = ports.gate("a pose counts less unless the one before was as unlikely")
+    patience = ports.patience(0.1)
 
 
 class Params(Parameters):
@@ -163,32 +153,13 @@ class Params(Parameters):
     gravity = real("m/s2", "length of G", start=design.SITE_GRAVITY, min=1.0, max=20.0)
     gravity_sigma = real("m/s2", "of G, mostly by the tracker's level", start=0.2, min=0.0, max=5.0)
     velocity_sigma = real("m/s", "of v at the first pose", start=0.3, min=1e-6, max=10.0)
-    position_limit = real(
-        "m", "standard deviation beyond which the pose is not valid", start=0.02, min=1e-6, max=10.0
-    )
-    attitude_limit = real(
-        "rad", "standard deviation beyond which the pose is not valid", start=0.1, min=1e-6, max=4.0
-    )
+    position_limit = ports.POSITION_LIMIT
+    attitude_limit = ports.attitude_limit(0.1)
 
 
-class In(Inputs):
-    """Samples of both."""
+class In(ports.PoseInputs):
+    """Samples of both, and single markers."""
 
-    rate = vector("rad/s", "body rate in B", min=-1e3, max=1e3)
-    force = vector("m/s2", "specific force in B", min=-1e4, max=1e4)
-    inertial_valid = boolean(
-        "rate and force are fresh: false between the samples of a slow unit and where one is lost",
-        start=True,
-    )
-    optical_position = vector("m", "z_p, tracked body in W", min=-1e3, max=1e3)
-    optical_attitude = quaternion("z_q, tracked body in W", min=-2, max=2)
-    optical_new = boolean("a pose arrives at this instant")
-    optical_age = real(
-        "s",
-        "d, age of pose and markers on arrival; below 0 for a tracker that predicts",
-        min=-0.1,
-        max=10.0,
-    )
     optical_markers_new = boolean("markers arrive at this instant; used where there is no pose")
     optical_marker1 = vector("m", "z_1 in W", min=-1e3, max=1e3)
     optical_marker2 = vector("m", "z_2 in W", min=-1e3, max=1e3)
@@ -204,9 +175,7 @@ class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal = Nominal
-    P = real(
-        None, "covariance of the error", shape=(SPACE.error_size, SPACE.error_size), listed=False
-    )
+    P = SPACE.covariance()
     started = boolean("a pose has come")
     unit: Any = sources.Unit
     pending = real("s", "time since the process was carried on", min=0.0)
@@ -225,11 +194,11 @@ class Out(Outputs):
     velocity = vector("m/s", "of the tracked body in W")
     body_rate = vector("rad/s", "body rate in B, bias removed")
     valid = boolean("the pose may be used")
-    inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
+    inertial_lost = ports.INERTIAL_LOST
     optical_lost = boolean("no pose or marker could be used of late")
-    attitude_sigma = vector("rad", "standard deviation of q_WO in O", min=0.0)
-    position_sigma = vector("m", "standard deviation of the position in W", min=0.0)
-    velocity_sigma = vector("m/s", "standard deviation of the velocity in W", min=0.0)
+    attitude_sigma = ports.ATTITUDE_SIGMA
+    position_sigma = ports.POSITION_SIGMA
+    velocity_sigma = ports.VELOCITY_SIGMA
     rate_bias = vector("rad/s", "b_g in B")
     rate_bias_sigma = vector("rad/s", "its standard deviation", min=0.0)
     force_bias = vector("m/s2", "b_a in B")
@@ -242,10 +211,8 @@ class Out(Outputs):
     rate_lag_sigma = real("s", "its standard deviation", min=0.0)
     force_lag = real("s", "t_a")
     force_lag_sigma = real("s", "its standard deviation", min=0.0)
-    innovation_squared = real(
-        None, "normalised innovation squared of the corrections at this sample", min=0.0
-    )
-    innovation_size = real(None, "their degrees of freedom, 0 without one", min=0.0)
+    innovation_squared = ports.INNOVATION_SQUARED
+    innovation_size = ports.INNOVATION_SIZE
 
 
 def arrived(u: Any, before: Any) -> tuple[Any, Any]:

@@ -38,12 +38,13 @@ import numpy as np
 
 from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation import ports
 from fmu_src.estimation.optical_inertial import LONG, OPEN, POSE, arrived
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Unscented, chosen, deviation
+from fmu_src.filters.error_state import Unscented, chosen, correct_if, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
+from fmu_src.kit.records import boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 INERTIAL = 6
@@ -83,53 +84,17 @@ class Params(Parameters):
     velocity_sigma = real("m/s", "of v at the first pose", start=0.3, min=1e-6, max=10.0)
     acceleration_sigma = real("m/s2", "of a at the first pose", start=3.0, min=1e-6, max=100.0)
     rate_sigma = real("rad/s", "of w at the first pose", start=1.0, min=1e-6, max=100.0)
-    gate = real(
-        None,
-        "normalised innovation squared for each degree of freedom, beyond which a pose counts less"
-        " unless the one before was as unlikely; E13 has no gate",
-        start=9.0,
-        min=1.0,
-        max=1e6,
-    )
-    occlusion_limit = real(
-        "s",
-        "without a pose, after which the line of sight counts as lost",
-        start=0.1,
-        min=1e-3,
-        max=100.0,
-    )
-    position_limit = real(
-        "m", "standard deviation beyond which the pose is not valid", start=0.02, min=1e-6, max=10.0
-    )
-    attitude_limit = real(
-        "rad", "standard deviation beyond which the pose is not valid", start=0.1, min=1e-6, max=4.0
-    )
-
-
-class In(Inputs):
-    """Samples of both."""
-
-    rate = vector("rad/s", "gyros, B", min=-1e3, max=1e3)
-    force = vector("m/s2", "specific force in B", min=-1e4, max=1e4)
-    inertial_valid = boolean(
-        "rate and force are fresh: false between the samples of a slow unit and where one is lost",
-        start=True,
-    )
-    optical_position = vector("m", "tracked body in W", min=-1e3, max=1e3)
-    optical_attitude = quaternion("tracked body in W", min=-2.0, max=2.0)
-    optical_new = boolean("a pose arrives at this instant")
-    optical_age = real(
-        "s", "d, its age on arrival; below 0 for a tracker that predicts", min=-0.1, max=10.0
-    )
+    gate = ports.gate("a pose counts less unless the one before was as unlikely")
+    occlusion_limit = ports.patience(0.1)
+    position_limit = ports.POSITION_LIMIT
+    attitude_limit = ports.attitude_limit(0.1)
 
 
 class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal: Any = Nominal
-    P = real(
-        None, "covariance of the error", shape=(SPACE.error_size, SPACE.error_size), listed=False
-    )
+    P = SPACE.covariance()
     started = boolean("a pose has come")
     unit: Any = sources.Unit
     pose = real(None, "last pose that came", shape=7)
@@ -140,23 +105,21 @@ class X(State):
 class Out(Outputs):
     """Pose of the tracked body and its derivatives, and how far to believe them."""
 
-    attitude = quaternion("attitude q_WB")
+    attitude = ports.ATTITUDE
     position = vector("m", "of the tracked body in W")
     velocity = vector("m/s", "of the tracked body in W")
     acceleration = vector("m/s2", "a, of the inertial unit in W")
     body_rate = vector("rad/s", "w in B")
     valid = boolean("the pose may be used")
-    inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
+    inertial_lost = ports.INERTIAL_LOST
     optical_lost = boolean("no pose could be used of late")
-    attitude_sigma = vector("rad", "standard deviation of q in B", min=0.0)
-    position_sigma = vector("m", "standard deviation of the position in W", min=0.0)
-    velocity_sigma = vector("m/s", "standard deviation of the velocity in W", min=0.0)
+    attitude_sigma = ports.ATTITUDE_SIGMA
+    position_sigma = ports.POSITION_SIGMA
+    velocity_sigma = ports.VELOCITY_SIGMA
     acceleration_sigma = vector("m/s2", "standard deviation of a in W", min=0.0)
     body_rate_sigma = vector("rad/s", "standard deviation of w in B", min=0.0)
-    innovation_squared = real(
-        None, "normalised innovation squared of the corrections at this sample", min=0.0
-    )
-    innovation_size = real(None, "their degrees of freedom, 0 without one", min=0.0)
+    innovation_squared = ports.INNOVATION_SQUARED
+    innovation_size = ports.INNOVATION_SIZE
 
 
 def process(x: Any, u: Any) -> Nominal:
@@ -203,7 +166,7 @@ def optical_residual(x: Any, u: Any) -> Any:
     return ca.vertcat(u[:3] - position, rotations.to_rotation_vector(turned))
 
 
-def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
+def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
     """One sample."""
     sample = sources.inertial(x.unit, u.rate, u.force, u.inertial_valid, p.limits, T)
     sensed = ca.logic_and(ca.logic_and(sample.fresh, ca.logic_not(sample.lost)), x.started)
@@ -212,28 +175,16 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     def predict(nominal: Any, P: Any, Q: Any) -> tuple[Any, ...]:
         return FILTER.predict(process, nominal, ca.MX(T), P, Q)
 
-    def by_unit(nominal: Any, P: Any, z: Any, R: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(inertial_residual, nominal, z, P, R)
-        return found.x, found.P, found.squared
-
-    def by_tracker(nominal: Any, P: Any, z: Any, R: Any, gate: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(optical_residual, nominal, z, P, R, gate)
-        return found.x, found.P, found.squared
-
     nominal, P = chosen(x.started, predict, x.nominal.pack(), x.P, process_noise(p, T))
-    nominal, P, inertial_squared = chosen(
-        sensed,
-        by_unit,
-        nominal,
-        P,
+    nominal, P, inertial_squared = correct_if(
+        *(sensed, FILTER, inertial_residual, nominal, P),
         ca.vertcat(sample.sensed, p.gravity),
         _twice(p.rate_noise, p.force_noise),
     )
     usable = ca.logic_and(taken, x.started)
-    nominal, P, squared = chosen(
-        usable,
-        by_tracker,
-        *(nominal, P, ca.vertcat(z, u.optical_age, p.lever)),
+    nominal, P, squared = correct_if(
+        *(usable, FILTER, optical_residual, nominal, P),
+        ca.vertcat(z, u.optical_age, p.lever),
         _twice(p.position_noise, p.attitude_noise),
         ca.if_else(x.doubted, OPEN, p.gate),
     )

@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit.records import Field, Record
+from fmu_src.kit.records import Field, Record, real
 from fmu_src.math import rotations
 
 Process = Callable[[Any, Any], Record]
@@ -57,6 +57,11 @@ class Space:
     def places(self) -> dict[str, slice]:
         """Place of each field's error."""
         return {name: part.error for name, part in self.parts.items()}
+
+    def covariance(self) -> Any:
+        """Declare the covariance of the error, for the record of a model's state."""
+        shape = (self.error_size, self.error_size)
+        return real(None, "covariance of the error", shape=shape, listed=False)
 
     def only(self, fields: Collection[str]) -> "Space":
         """Space of some of the fields."""

@@ -329,6 +329,32 @@ def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: An
     return list(switch.call([ca.MX(condition), *map(ca.MX, values)], False, True))
 
 
+def correct_if(
+    condition: Any, method: Filter, residual: Residual, x: Any, P: Any, u: Any, R: Any, *gate: Any
+) -> list[Any]:
+    """Take in a measurement where a condition holds, and skip the work elsewhere.
+
+    Args:
+        condition: scalar.
+        method: filter whose `correct` takes the other arguments.
+        residual: see there.
+        x: see there.
+        P: see there.
+        u: see there.
+        R: see there.
+        gate: see there; none without it.
+
+    Returns:
+        State, covariance, and nu, which is 0 where nothing is taken in.
+    """
+
+    def corrected(x: Any, P: Any, u: Any, R: Any, *gate: Any) -> tuple[Any, Any, Any]:
+        found = method.correct(residual, x, u, P, R, *gate)
+        return found.x, found.P, found.squared
+
+    return chosen(condition, corrected, x, P, u, R, *gate)
+
+
 def _moved(space: Space, x: Any, e: Any) -> Any:
     point, error = ca.SX.sym("x", space.size), ca.SX.sym("e", space.error_size)
     moved = space.scaled(space.moved(point, error))
