@@ -24,15 +24,15 @@ class Params(Parameters):
     """Accuracy of the sensor."""
 
     noise = real("m", "rms of the noise of a sample", start=0.07e-6, min=0.0, max=1e-3)
-    gain_error = real(None, "relative deviation of the gain", start=0.0, min=-0.5, max=0.5)
-    offset = real("m", "reading at zero stroke", start=0.0, min=-1e-2, max=1e-2)
+    gain_error = real(None, "relative deviation of the gain", start=0.0, within=0.5)
+    offset = real("m", "reading at zero stroke", start=0.0, within=1e-2)
     seed = integer("seed of the noise", start=1, min=0, max=2**31 - 1)
 
 
 class In(Inputs):
     """What is there."""
 
-    stroke = real("m", "stroke of the stack", min=-1e-2, max=1e-2)
+    stroke = real("m", "stroke of the stack", within=1e-2)
 
 
 class Resting(State):

@@ -64,7 +64,7 @@ class Params(Parameters):
     clock_error = sampling.CLOCK_ERROR
     loss = real(None, "share of measurements that is lost at random", start=0.0, min=0.0, max=1.0)
     generator = real(
-        "m", "place g of the field generator in W", shape=3, start=(0.3, 0.0, 0.0), min=-5, max=5
+        "m", "place g of the field generator in W", shape=3, start=(0.3, 0.0, 0.0), within=5
     )
     reach = real("m", "distance from it beyond which nothing is measured", start=0.6, min=0.05)
     jitter_attitude = real(
@@ -80,14 +80,11 @@ class Params(Parameters):
         "places of the pieces in the room, one a row",
         shape=(ROOM, 3),
         start=[[0.13, -0.03, 0.16], [0.06, -0.2, -0.05], [-0.21, 0.11, 0.16]],
-        min=-5.0,
-        max=5.0,
+        within=5.0,
     )
     room_radii = real("m", "their radii", shape=ROOM, start=(0.03, 0.05, 0.035), min=0.0, max=0.5)
-    lever = real("m", "place l of the sensor in B", shape=3, min=-1.0, max=1.0)
-    mounting = real(
-        "rad", "rotation vector of h, from B to the coil frame", shape=3, min=-np.pi, max=np.pi
-    )
+    lever = real("m", "place l of the sensor in B", shape=3, within=1.0)
+    mounting = real("rad", "rotation vector of h, from B to the coil frame", shape=3, within=np.pi)
     registration = sampling.REGISTRATION
     origin = sampling.ORIGIN
 
@@ -97,7 +94,7 @@ class In(Inputs):
 
     body = sampling.BODY
     attitude = sampling.ATTITUDE
-    metal = vector("m", "place of the moved piece in W", start=5.0, min=-10.0, max=10.0)
+    metal = vector("m", "place of the moved piece in W", start=5.0, within=10.0)
     lost = boolean("whether measurements are lost")
 
 

@@ -58,24 +58,16 @@ class Params(Parameters):
         min=1.0,
         max=1000.0,
     )
-    lever = real(
-        "m", "place l of the unit in B", shape=3, start=(0.0, 0.0, 0.03), min=-1.0, max=1.0
-    )
+    lever = real("m", "place l of the unit in B", shape=3, start=(0.0, 0.0, 0.03), within=1.0)
     gyro_bias = real(
-        "rad/s",
-        "bias b of the gyros",
-        shape=3,
-        start=np.radians([0.4, -0.3, 0.2]),
-        min=-0.5,
-        max=0.5,
+        "rad/s", "bias b of the gyros", shape=3, start=np.radians([0.4, -0.3, 0.2]), within=0.5
     )
     gyro_matrix = real(
         None,
         "M of the gyros",
         shape=(3, 3),
         start=[[3e-3, 2e-3, -1e-3], [-2e-3, -4e-3, 1.5e-3], [1e-3, -2.5e-3, 2e-3]],
-        min=-0.2,
-        max=0.2,
+        within=0.2,
     )
     gyro_noise = real("rad/s/Hz0.5", "N of the gyros", start=np.radians(0.01), min=0.0, max=0.1)
     gyro_walk = real(
@@ -88,16 +80,14 @@ class Params(Parameters):
         "bias b of the accelerometers",
         shape=3,
         start=np.array([2.0, -1.5, 2.5]) * MILLI_G,
-        min=-5.0,
-        max=5.0,
+        within=5.0,
     )
     accelerometer_matrix = real(
         None,
         "M of the accelerometers",
         shape=(3, 3),
         start=[[1e-3, 1e-3, -0.8e-3], [-0.6e-3, -1.5e-3, 0.9e-3], [1.2e-3, 0.5e-3, 2e-3]],
-        min=-0.2,
-        max=0.2,
+        within=0.2,
     )
     accelerometer_noise = real(
         "m/s2/Hz0.5", "N of the accelerometers", start=0.3 * MILLI_G, min=0.0, max=1.0
@@ -114,16 +104,14 @@ class Params(Parameters):
         "bias b of the magnetometers, hard iron in it",
         shape=3,
         start=(2e-7, -3e-7, 1.5e-7),
-        min=-1e-3,
-        max=1e-3,
+        within=1e-3,
     )
     magnetometer_matrix = real(
         None,
         "M of the magnetometers, soft iron in it",
         shape=(3, 3),
         start=[[4e-3, 2e-3, -2e-3], [2e-3, -3e-3, 1e-3], [-2e-3, 1e-3, 1e-3]],
-        min=-0.5,
-        max=0.5,
+        within=0.5,
     )
     magnetometer_noise = real(
         "T/Hz0.5",
@@ -144,8 +132,7 @@ class Params(Parameters):
         "moment of the magnet, W; of a cube of neodymium of 1 cm",
         shape=3,
         start=(0.0, 1.0, 0.0),
-        min=-100.0,
-        max=100.0,
+        within=100.0,
     )
 
 
@@ -155,9 +142,9 @@ class In(Inputs):
     body = sampling.BODY
     body_acceleration = sampling.BODY_ACCELERATION
     attitude = sampling.ATTITUDE
-    body_rate = vector("rad/s", "body rate in B", min=-100.0, max=100.0)
+    body_rate = vector("rad/s", "body rate in B", within=100.0)
     angular_acceleration = sampling.ANGULAR_ACCELERATION
-    magnet = vector("m", "place of the magnet in W", start=5.0, min=-10.0, max=10.0)
+    magnet = vector("m", "place of the magnet in W", start=5.0, within=10.0)
     lost = boolean("whether the sample is lost: the outputs are held and not valid")
     frozen = boolean("whether the unit repeats its last sample, and calls it valid")
 

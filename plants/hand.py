@@ -116,19 +116,19 @@ class Params(Parameters):
     )
     rotation_share = real(None, "c, lateral motion that is rotation", start=0.5, min=0.0, max=1.0)
     tilt = real("rad", "shaft from straight down", start=math.pi / 4, min=0.0, max=math.pi)
-    heading = real("rad", "shaft from magnetic north", start=0.0, min=-math.pi, max=math.pi)
-    tip = real("m", "tip p_B in B", shape=3, start=design.TIP, min=-1.0, max=1.0)
+    heading = real("rad", "shaft from magnetic north", start=0.0, within=math.pi)
+    tip = real("m", "tip p_B in B", shape=3, start=design.TIP, within=1.0)
 
 
 class In(Inputs):
     """A recording, between its samples as well (relative to the tip's place at rest)."""
 
     recorded = boolean("whether the tip moves as recorded")
-    recorded_x = real("m", "tip in W, x", min=-0.1, max=0.1)
-    recorded_y = real("m", "tip in W, y", min=-0.1, max=0.1)
-    recorded_z = real("m", "tip in W, z", min=-0.1, max=0.1)
-    recorded_velocity = vector("m/s", "velocity of the tip in W", min=-10.0, max=10.0)
-    recorded_acceleration = vector("m/s2", "acceleration of the tip in W", min=-1e3, max=1e3)
+    recorded_x = real("m", "tip in W, x", within=0.1)
+    recorded_y = real("m", "tip in W, y", within=0.1)
+    recorded_z = real("m", "tip in W, z", within=0.1)
+    recorded_velocity = vector("m/s", "velocity of the tip in W", within=10.0)
+    recorded_acceleration = vector("m/s2", "acceleration of the tip in W", within=1e3)
 
 
 class Drives(Derived):

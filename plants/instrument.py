@@ -64,10 +64,9 @@ class Params(Parameters):
         "places of the accelerometers in B, one site a row",
         shape=(3, 3),
         start=[[design.D1, 0, 0], [0, design.D1, 0], [design.D2, design.D2, design.D3]],
-        min=-1.0,
-        max=1.0,
+        within=1.0,
     )
-    tip = real("m", "tip in B at zero stroke", shape=3, start=design.TIP, min=-1.0, max=1.0)
+    tip = real("m", "tip in B at zero stroke", shape=3, start=design.TIP, within=1.0)
     gravity = sampling.GRAVITY
     field_strength = sampling.FIELD_STRENGTH
     inclination = sampling.INCLINATION
@@ -95,7 +94,7 @@ class In(Inputs):
     body = sampling.BODY
     body_acceleration = sampling.BODY_ACCELERATION
     attitude = sampling.ATTITUDE
-    rate = vector("rad/s", "body rate in B", min=-100.0, max=100.0)
+    rate = vector("rad/s", "body rate in B", within=100.0)
     angular_acceleration = sampling.ANGULAR_ACCELERATION
     stroke = real("m", "strokes of the stacks, 0 at 0 V", shape=3, min=-20e-6, max=60e-6)
 

@@ -58,12 +58,7 @@ class Params(Parameters):
     latency_jitter = sampling.LATENCY_JITTER
     clock_error = sampling.CLOCK_ERROR
     markers = real(
-        "m",
-        "places r_i in B, one a row",
-        shape=(MARKERS, 3),
-        start=design.MARKERS,
-        min=-1.0,
-        max=1.0,
+        "m", "places r_i in B, one a row", shape=(MARKERS, 3), start=design.MARKERS, within=1.0
     )
     noise_across = real(
         "m", "noise s_l of a marker across the line of sight", start=5e-5, min=0.0, max=0.01
@@ -71,9 +66,7 @@ class Params(Parameters):
     noise_along = real(
         "m", "noise s_d of a marker along the line of sight", start=1.5e-4, min=0.0, max=0.01
     )
-    camera = real(
-        "m", "place of the camera in W", shape=3, start=(-1.0, -0.6, 1.0), min=-20.0, max=20.0
-    )
+    camera = real("m", "place of the camera in W", shape=3, start=(-1.0, -0.6, 1.0), within=20.0)
     registration = sampling.REGISTRATION
     origin = sampling.ORIGIN
     occlusion_rate = real("Hz", "random occlusions in a second", start=0.0, min=0.0, max=50.0)

@@ -54,12 +54,10 @@ LEAST_THRESHOLD = 0.3
 class Params(Parameters):
     """One stack; numbers of a P-885.50 with its levers, fitted to A04 chapter 7."""
 
-    gain_error = real(
-        None, "relative deviation of this stack's gain s", start=0.0, min=-0.3, max=0.3
-    )
+    gain_error = real(None, "relative deviation of this stack's gain s", start=0.0, within=0.3)
     gain = real("m/V", "stroke per volt s", start=0.20057e-6, min=0.0, max=2e-6)
-    gain_slope = real("1/V", "s_2", start=8e-4, min=-1e-2, max=1e-2)
-    gain_curvature = real("1/V2", "s_3", start=-6e-6, min=-1e-4, max=1e-4)
+    gain_slope = real("1/V", "s_2", start=8e-4, within=1e-2)
+    gain_curvature = real("1/V2", "s_3", start=-6e-6, within=1e-4)
     charging_time = real("s", "time constant tau_v", start=0.2e-3, min=1e-6, max=0.1)
     slip_threshold = real(
         "V", "W_i at the middle voltage", shape=6, start=(3, 8, 15, 23, 32, 42), min=0.0, max=200.0

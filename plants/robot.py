@@ -36,19 +36,16 @@ JOINTS = 3
 class Params(Parameters):
     """Where the wrist is and what it does."""
 
-    pivot = real("m", "place of the joints in W", shape=3, min=-5.0, max=5.0)
-    arm = real("m", "from there to the origin of B, in B", shape=3, min=-2.0, max=2.0)
-    rest = real("rad", "rotation vector of R_0", shape=3, start=0.0, min=-math.pi, max=math.pi)
-    start = real(
-        "rad", "roll, pitch and yaw at the start", shape=3, min=-2 * math.pi, max=2 * math.pi
-    )
+    pivot = real("m", "place of the joints in W", shape=3, within=5.0)
+    arm = real("m", "from there to the origin of B, in B", shape=3, within=2.0)
+    rest = real("rad", "rotation vector of R_0", shape=3, start=0.0, within=math.pi)
+    start = real("rad", "roll, pitch and yaw at the start", shape=3, within=2 * math.pi)
     end = real(
         "rad",
         "roll, pitch and yaw at the end",
         shape=3,
         start=(-math.pi / 3, 0.3, -0.4),
-        min=-2 * math.pi,
-        max=2 * math.pi,
+        within=2 * math.pi,
     )
     move_time = real("s", "t_m of a move", start=6.0, min=0.02, max=1000.0)
     ramp_time = real(

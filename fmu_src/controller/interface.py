@@ -55,7 +55,7 @@ class Params(Parameters):
     )
     amplifier: Any = Range
     initial_volts = real(
-        "V", "voltages of the stacks before the first sample", shape=3, min=-200.0, max=200.0
+        "V", "voltages of the stacks before the first sample", shape=3, within=200.0
     )
     rise_time = real("s", "from there to rest", start=0.5, min=0.01, max=60.0)
     fade_time = real("s", "correction from none to full and back", start=0.5, min=0.01, max=60.0)
@@ -96,8 +96,8 @@ class Precomputed(Operators):
 class In(inertial.In):
     """What the estimator knows."""
 
-    tip_displacement = vector("m", "estimated displacement of the tip, frame W", min=-1.0, max=1.0)
-    external_tremor = vector("m", "tremor found by another filter, frame W", min=-1.0, max=1.0)
+    tip_displacement = vector("m", "estimated displacement of the tip, frame W", within=1.0)
+    external_tremor = vector("m", "tremor found by another filter, frame W", within=1.0)
     hold = boolean("whether the tip shall go to rest and stay there", start=False)
 
 

@@ -59,7 +59,7 @@ class Layout(Parameters):
     d1 = real("m", "d1, sites 1 and 2 across the axis", start=design.D1, min=1e-3, max=1.0)
     d2 = real("m", "d2, site 3 across the axis", start=design.D2, min=1e-3, max=1.0)
     d3 = real("m", "d3, site 3 along the axis", start=design.D3, min=1e-3, max=1.0)
-    tip = real("m", "tip in B", start=design.TIP, shape=3, min=-1.0, max=1.0)
+    tip = real("m", "tip in B", start=design.TIP, shape=3, within=1.0)
 
 
 @dataclass(frozen=True)

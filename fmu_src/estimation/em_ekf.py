@@ -144,9 +144,7 @@ class Magnetic(Parameters):
     strength = real(
         "T", "of the field at the site", start=design.MAGNETIC_FIELD, min=1e-6, max=1e-3
     )
-    inclination = real(
-        "rad", "dip of the field", start=design.MAGNETIC_INCLINATION, min=-1.5, max=1.5
-    )
+    inclination = real("rad", "dip of the field", start=design.MAGNETIC_INCLINATION, within=1.5)
     noise = real("T/Hz0.5", "one-sided density of its noise", start=8.5e-8, min=0.0, max=1e-4)
     heading_density = real(
         "rad/Hz0.5",
@@ -183,7 +181,7 @@ class Tracker(Parameters):
 
     sigma = real("rad", "jitter s of an axis", start=np.radians(0.1), min=1e-6, max=1.0)
     generator = real(
-        "m", "place of the field generator in F", shape=3, start=(0.3, 0, 0), min=-10, max=10
+        "m", "place of the field generator in F", shape=3, start=(0.3, 0, 0), within=10
     )
     jitter_distance = real("m", "distance x_0 of double jitter", start=0.4, min=0.01, max=1e3)
     distortion_sigma = real("rad", "of d, each axis", start=np.radians(0.4), min=0.0, max=1.0)
@@ -191,16 +189,12 @@ class Tracker(Parameters):
         "rad", "turn after which d is another one", start=0.35, min=1e-3, max=100.0
     )
     distortion_time = real("s", "time after which d is another one", start=20.0, min=1e-2, max=1e5)
-    mounting = real("rad", "rotation vector of h", shape=3, min=-4.0, max=4.0)
+    mounting = real("rad", "rotation vector of h", shape=3, within=4.0)
     mounting_sigma = real("rad", "of h", start=0.0, min=0.0, max=1.0)
-    registration = real("rad", "rotation vector of r", shape=3, min=-4.0, max=4.0)
+    registration = real("rad", "rotation vector of r", shape=3, within=4.0)
     registration_sigma = real("rad", "of r", start=0.0, min=0.0, max=1.0)
     lag = real(
-        "s",
-        "t_g, by which the inertial unit is behind the tracker's clock",
-        start=0.0,
-        min=-0.05,
-        max=0.05,
+        "s", "t_g, by which the inertial unit is behind the tracker's clock", start=0.0, within=0.05
     )
     gate = ports.gate("an attitude counts less")
     astray = ports.astray(2.0)
@@ -226,9 +220,9 @@ class In(Inputs):
 
     rate = ports.RATE
     force = ports.FORCE
-    field = vector("T", "magnetometer, B", min=-1.0, max=1.0)
+    field = vector("T", "magnetometer, B", within=1.0)
     inertial_valid = ports.INERTIAL_VALID
-    em_position = vector("m", "coils in F", min=-100.0, max=100.0)
+    em_position = vector("m", "coils in F", within=100.0)
     em_attitude = ports.tracked_attitude("C in F")
     em_new = boolean("an attitude arrives at this instant")
     em_age = real("s", "its age on arrival", start=0.025, min=0.0, max=10.0)

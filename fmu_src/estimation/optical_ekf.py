@@ -82,7 +82,7 @@ class Params(Parameters):
         max=1.0,
     )
     bias_sigma = real("rad/s", "of b at the start", start=0.02, min=0.0, max=1.0)
-    lag = real("s", "t_g", start=0.0, min=-0.05, max=0.05)
+    lag = real("s", "t_g", start=0.0, within=0.05)
     lag_sigma = real("s", "of t_g at the start", start=0.0, min=0.0, max=0.1)
     rate_sigma = real("rad/s", "of w at the start", start=1.0, min=1e-6, max=100.0)
     gate = ports.gate("an attitude counts less")

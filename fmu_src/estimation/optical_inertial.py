@@ -115,12 +115,12 @@ class Inertial(Parameters):
 class Mounting(Parameters):
     """How the inertial unit sits on the tracked body, and lags behind the tracker's clock."""
 
-    lever = real("m", "l in B", shape=3, min=-2.0, max=2.0)
+    lever = real("m", "l in B", shape=3, within=2.0)
     lever_sigma = real("m", "how well it is known", start=0.05, min=0.0, max=1.0)
-    rotation = real("rad", "rotation vector of m", shape=3, min=-4.0, max=4.0)
+    rotation = real("rad", "rotation vector of m", shape=3, within=4.0)
     rotation_sigma = real("rad", "how well it is known", start=0.05, min=0.0, max=1.0)
-    rate_lag = real("s", "t_g", min=-0.05, max=0.05)
-    force_lag = real("s", "t_a", min=-0.05, max=0.05)
+    rate_lag = real("s", "t_g", within=0.05)
+    force_lag = real("s", "t_a", within=0.05)
     lag_sigma = real("s", "how well they are known", start=3e-3, min=0.0, max=0.1)
 
 
@@ -136,9 +136,7 @@ class Tracker(Parameters):
     flicker_memory = real("s", "in which o_f changes", start=0.05, min=1e-3, max=1e4)
     attitude_offset_sigma = real("rad", "of o_q", start=1e-3, min=0.0, max=0.1)
     attitude_offset_memory = real("s", "in which o_q changes", start=1.0, min=1e-3, max=1e4)
-    markers = real(
-        "m", "r_i in O, one a row", shape=(MARKERS, 3), start=design.MARKERS, min=-1.0, max=1.0
-    )
+    markers = real("m", "r_i in O, one a row", shape=(MARKERS, 3), start=design.MARKERS, within=1.0)
     gate = ports.gate("a pose counts less unless the one before was as unlikely")
     patience = ports.patience(0.1)
 
@@ -161,10 +159,10 @@ class In(ports.PoseInputs):
     """Samples of both, and single markers."""
 
     optical_markers_new = boolean("markers arrive at this instant; used where there is no pose")
-    optical_marker1 = vector("m", "z_1 in W", min=-1e3, max=1e3)
-    optical_marker2 = vector("m", "z_2 in W", min=-1e3, max=1e3)
-    optical_marker3 = vector("m", "z_3 in W", min=-1e3, max=1e3)
-    optical_marker4 = vector("m", "z_4 in W", min=-1e3, max=1e3)
+    optical_marker1 = vector("m", "z_1 in W", within=1e3)
+    optical_marker2 = vector("m", "z_2 in W", within=1e3)
+    optical_marker3 = vector("m", "z_3 in W", within=1e3)
+    optical_marker4 = vector("m", "z_4 in W", within=1e3)
     optical_visible1 = boolean("marker 1 is among them")
     optical_visible2 = boolean("marker 2 is among them")
     optical_visible3 = boolean("marker 3 is among them")

@@ -79,7 +79,7 @@ class Params(Parameters):
     force_noise = real("m/s2", "v_a of an axis, each sample", start=0.05, min=1e-6, max=100.0)
     position_noise = real("m", "v_p of an axis, each pose", start=1e-4, min=1e-7, max=0.1)
     attitude_noise = real("rad", "v_q of an axis, each pose", start=2e-3, min=1e-6, max=1.0)
-    lever = real("m", "l in B", shape=3, min=-2.0, max=2.0)
+    lever = real("m", "l in B", shape=3, within=2.0)
     gravity = real("m/s2", "g", start=design.SITE_GRAVITY, min=1.0, max=20.0)
     velocity_sigma = real("m/s", "of v at the first pose", start=0.3, min=1e-6, max=10.0)
     acceleration_sigma = real("m/s2", "of a at the first pose", start=3.0, min=1e-6, max=100.0)

@@ -17,8 +17,8 @@ MOVING_RATE = real(
 POSITION_LIMIT = real(
     "m", "standard deviation beyond which the pose is not valid", start=0.02, min=1e-6, max=10.0
 )
-RATE = vector("rad/s", "body rate in B, by the gyros", min=-1e3, max=1e3)
-FORCE = vector("m/s2", "specific force in B, by the accelerometers", min=-1e4, max=1e4)
+RATE = vector("rad/s", "body rate in B, by the gyros", within=1e3)
+FORCE = vector("m/s2", "specific force in B, by the accelerometers", within=1e4)
 INERTIAL_VALID = boolean(
     "the inertial sample is fresh: false between those of a slow unit and where one is lost",
     start=True,
@@ -60,7 +60,7 @@ def astray(start: float) -> Any:
 
 def tracked_attitude(frames: str) -> Any:
     """Declare an attitude as a tracker sends it, by its frames."""
-    return quaternion(f"attitude of {frames}", min=-2.0, max=2.0)
+    return quaternion(f"attitude of {frames}", within=2.0)
 
 
 class PoseInputs(Inputs):
@@ -69,7 +69,7 @@ class PoseInputs(Inputs):
     rate = RATE
     force = FORCE
     inertial_valid = INERTIAL_VALID
-    optical_position = vector("m", "tracked body in W", min=-1e3, max=1e3)
+    optical_position = vector("m", "tracked body in W", within=1e3)
     optical_attitude = tracked_attitude("the tracked body in W")
     optical_new = boolean("a pose arrives at this instant")
     optical_age = real(

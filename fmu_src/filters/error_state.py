@@ -332,17 +332,17 @@ def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: An
 def correct_if(
     condition: Any, method: Filter, residual: Residual, x: Any, P: Any, u: Any, R: Any, *gate: Any
 ) -> list[Any]:
-    """Take in a measurement where a condition holds, and skip the work elsewhere.
+    """Take in a measurement where a condition holds; elsewhere its work is skipped.
 
     Args:
         condition: scalar.
-        method: filter whose `correct` takes the other arguments.
-        residual: see there.
-        x: see there.
-        P: see there.
-        u: see there.
-        R: see there.
-        gate: see there; none without it.
+        method: filter to correct by.
+        residual: measured minus predicted, (m,).
+        x: nominal state.
+        P: covariance of the error.
+        u: known numbers, the measurement among them.
+        R: covariance of the measurement, (m, m).
+        gate: nu for each degree of freedom, beyond which R is inflated; none without it.
 
     Returns:
         State, covariance, and nu, which is 0 where nothing is taken in.

@@ -67,6 +67,7 @@ def real(
     start: float | Sequence[Any] | np.ndarray = 0.0,
     min: float = -math.inf,
     max: float = math.inf,
+    within: float | None = None,
     shape: int | tuple[int, ...] = (),
     axes: str | Sequence[str] | None = None,
     tunable: bool = False,
@@ -80,6 +81,7 @@ def real(
         start: one value for all elements, or one for each, in the order of the shape.
         min: smallest value allowed, for every element.
         max: largest value allowed.
+        within: largest size of either sign, in place of `min` and `max`.
         shape: () for a scalar, n for a column, (rows, columns) for a matrix.
         axes: suffixes of a column's elements on a port; `1..n` without it.
         tunable: may be set between steps; other parameters are fixed after initialisation.
@@ -87,6 +89,8 @@ def real(
     """
     if unit is not None:
         base_exponents(unit)
+    if within is not None:
+        min, max = -within, within
     field = _field("Real", unit, description, start, min, max, shape, axes, tunable)
     return dataclasses.replace(field, listed=listed)
 

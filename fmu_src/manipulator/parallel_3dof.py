@@ -116,7 +116,7 @@ class Geometry(Parameters):
 class In(Inputs):
     """Where the tip shall be."""
 
-    displacement = vector("m", "d, tip less tip at zero stroke, in frame 0", min=-0.1, max=0.1)
+    displacement = vector("m", "d, tip less tip at zero stroke, in frame 0", within=0.1)
 
 
 class Out(Outputs):

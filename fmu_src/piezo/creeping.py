@@ -57,12 +57,7 @@ class Creeping(_Starting):
         max=200.0,
     )
     creep_weights = real(
-        None,
-        "c, weights of the creep operators",
-        shape=WIDTHS,
-        start=CREEP_WEIGHTS,
-        min=-10.0,
-        max=10.0,
+        None, "c, weights of the creep operators", shape=WIDTHS, start=CREEP_WEIGHTS, within=10.0
     )
     creep_time = real("s", "tau, times of creep", shape=LAGS, start=CREEP_TIMES, min=1e-3, max=1e5)
 
@@ -70,7 +65,7 @@ class Creeping(_Starting):
 class In(Inputs):
     """Drive."""
 
-    volts = real("V", "v, voltage held over the sample", min=-500.0, max=500.0)
+    volts = real("V", "v, voltage held over the sample", within=500.0)
 
 
 class Memory(State):

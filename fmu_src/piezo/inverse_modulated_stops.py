@@ -73,8 +73,8 @@ class Params(Parameters):
 class In(Inputs):
     """What is wanted, and what is seen of it."""
 
-    stroke = real("m", "d, stroke wanted", min=-1e-3, max=1e-3)
-    measured = real("m", "m, stroke measured", min=-1e-3, max=1e-3)
+    stroke = real("m", "d, stroke wanted", within=1e-3)
+    measured = real("m", "m, stroke measured", within=1e-3)
     measured_valid = boolean("whether `measured` can be learnt from", start=False)
 
 

@@ -84,7 +84,7 @@ class Precomputed(Derived):
 class In(Inputs):
     """What is wanted."""
 
-    stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
+    stroke = real("m", "z, stroke wanted", within=1e-3)
 
 
 class X(State):

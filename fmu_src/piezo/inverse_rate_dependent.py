@@ -45,8 +45,8 @@ class Params(Parameters):
 class In(Inputs):
     """What is wanted."""
 
-    stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
-    rate = real("m/s", "z', its rate where the voltage acts", min=-10.0, max=10.0)
+    stroke = real("m", "z, stroke wanted", within=1e-3)
+    rate = real("m/s", "z', its rate where the voltage acts", within=10.0)
     rate_valid = boolean("whether `rate` is given; else it is the demand's", start=False)
 
 

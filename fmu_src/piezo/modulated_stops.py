@@ -83,7 +83,7 @@ class Stops(Parameters):
 
     span = real("V", "V, voltage of a = 1", start=design.STACK_VOLTS, min=0.1, max=1000.0)
     polynomial = real(
-        "m", "p, loading by powers of a, from 1", shape=3, start=POLYNOMIAL, min=-1e-2, max=1e-2
+        "m", "p, loading by powers of a, from 1", shape=3, start=POLYNOMIAL, within=1e-2
     )
     thresholds = real(
         "V",
@@ -99,15 +99,15 @@ class Stops(Parameters):
     weights_high = real(
         "m", "g, weights of the stops at a = 1", shape=STOPS, start=WEIGHTS_HIGH, min=0.0, max=1e-2
     )
-    creep = real("m", "k, weights of creep", shape=LAGS, start=CREEP, min=-1e-2, max=1e-2)
+    creep = real("m", "k, weights of creep", shape=LAGS, start=CREEP, within=1e-2)
     creep_time = real("s", "tau", shape=LAGS, start=CREEP_TIMES, min=1e-3, max=1e5)
-    lead = real("s", "lead of the stroke at the end of a sample", start=LEAD, min=-1.0, max=1.0)
+    lead = real("s", "lead of the stroke at the end of a sample", start=LEAD, within=1.0)
 
 
 class In(Inputs):
     """Drive."""
 
-    volts = real("V", "v, voltage held over the sample", min=-500.0, max=500.0)
+    volts = real("V", "v, voltage held over the sample", within=500.0)
 
 
 class Memory(State):

@@ -71,8 +71,7 @@ class RateDependence(_Starting):
         "c, change of the slopes of the loading curve with the rate",
         shape=PLAYS,
         start=RATE_SLOPES,
-        min=-1e6,
-        max=1e6,
+        within=1e6,
     )
     rate_limits = real(
         "m/s",
@@ -90,8 +89,8 @@ class RateDependence(_Starting):
 class In(Inputs):
     """Drive, and how fast it moves the stack."""
 
-    volts = real("V", "v, voltage across the stack", min=-500.0, max=500.0)
-    rate = real("m/s", "z', rate of the stroke", min=-10.0, max=10.0)
+    volts = real("V", "v, voltage across the stack", within=500.0)
+    rate = real("m/s", "z', rate of the stroke", within=10.0)
 
 
 class X(State):

@@ -109,7 +109,7 @@ class Params(Parameters):
     """The network; it passes its newest input until it is trained."""
 
     spacing = integer("d, samples from one input to the next", start=1, min=1, max=SPACINGS)
-    origin = real("m", "o, place that is held", shape=3, min=-REACH, max=REACH)
+    origin = real("m", "o, place that is held", shape=3, within=REACH)
     input_scale = real("m", "a_u, scale of the inputs", start=1e-4, min=1e-9, max=1.0)
     output_scale = real("m", "a_y, scale of the output", start=1e-4, min=1e-9, max=1.0)
     output: Any = Output
@@ -128,7 +128,7 @@ class Params(Parameters):
 class In(Inputs):
     """Motion of the tip."""
 
-    position = vector("m", "tip position", min=-REACH, max=REACH)
+    position = vector("m", "tip position", within=REACH)
     valid = boolean("whether the position can be trusted", start=True)
 
 

@@ -51,7 +51,7 @@ class Params(Parameters):
 class In(Inputs):
     """What holds the tone."""
 
-    position = vector("m", "s, position that holds the tone", min=-1.0, max=1.0)
+    position = vector("m", "s, position that holds the tone", within=1.0)
 
 
 class X(State):

@@ -107,10 +107,9 @@ class In(Inputs):
         "compensated specific force in B",
         shape=CHANNELS,
         axes=kinematics.CHANNELS,
-        min=-1e3,
-        max=1e3,
+        within=1e3,
     )
-    attitude = quaternion("q_WB, unit quaternion, body to world", min=-1.001, max=1.001)
+    attitude = quaternion("q_WB, unit quaternion, body to world", within=1.001)
     valid = boolean("whether both can be trusted", start=True)
 
 

@@ -27,7 +27,7 @@ class Surroundings(Parameters):
 class In(Inputs):
     """Motion of the tip."""
 
-    position = vector("m", "tip position", min=-1.0, max=1.0)
+    position = vector("m", "tip position", within=1.0)
     valid = boolean("whether the position can be trusted", start=True)
 
 

@@ -54,7 +54,7 @@ class WflcParams(Parameters):
 class In(Inputs):
     """What holds the tone."""
 
-    position = vector("m", "s, prefiltered position", min=-1.0, max=1.0)
+    position = vector("m", "s, prefiltered position", within=1.0)
 
 
 class WflcState(State):

@@ -71,7 +71,7 @@ def neighbours(channel: int) -> tuple[int, tuple[int, int]]:
 
 
 def _drift(unit: str, what: str, shape: int, most: float) -> Any:
-    return real(unit, what, shape=shape, min=-most, max=most)
+    return real(unit, what, shape=shape, within=most)
 
 
 class Accelerometer(Parameters):
@@ -97,28 +97,22 @@ class Accelerometer(Parameters):
     lag: Any = kinematics.LAG
     zero_drift = _drift("V/K", "v, change of the zero with temperature", 6, 0.1)
     scale_drift = _drift("1/K", "e, relative change of the scale with temperature", 6, _THERMAL)
-    in_plane = real(
-        None, "p_1, share of the chip's other axis in the output", shape=6, min=-0.3, max=0.3
-    )
-    in_plane_squared = real("s2/m", "p_2, the same of its square", shape=6, min=-0.05, max=0.05)
-    out_of_plane = real(
-        None, "q_1, share of the axis out of the chip's plane", shape=6, min=-0.3, max=0.3
-    )
-    out_of_plane_squared = real("s2/m", "q_2, the same of its square", shape=6, min=-0.05, max=0.05)
+    in_plane = real(None, "p_1, share of the chip's other axis in the output", shape=6, within=0.3)
+    in_plane_squared = real("s2/m", "p_2, the same of its square", shape=6, within=0.05)
+    out_of_plane = real(None, "q_1, share of the axis out of the chip's plane", shape=6, within=0.3)
+    out_of_plane_squared = real("s2/m", "q_2, the same of its square", shape=6, within=0.05)
     scale_slope = real(
         "s2/m",
         "r_1, relative change of the scale with the axis out of the chip's plane",
         shape=6,
-        min=-0.05,
-        max=0.05,
+        within=0.05,
     )
-    scale_curvature = real("s4/m2", "r_2, the same with its square", shape=6, min=-5e-3, max=5e-3)
+    scale_curvature = real("s4/m2", "r_2, the same with its square", shape=6, within=5e-3)
     misalignment = real(
         None,
         "components of the sensing axis along the two other axes of B, in the order x, y, z",
         shape=(6, 2),
-        min=-0.3,
-        max=0.3,
+        within=0.3,
     )
 
 
@@ -146,8 +140,7 @@ class Magnetometer(Parameters):
         "components of the sensing axis along the two other axes of B, in the order x, y, z;"
         " soft iron is in it",
         shape=(3, 2),
-        min=-0.3,
-        max=0.3,
+        within=0.3,
     )
 
 
