@@ -44,7 +44,7 @@ import casadi as ca
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, real
-from fmu_src.math.pairwise import total
+from fmu_src.math.pairwise import pairwise_sum
 
 SUBSTEPS = 2
 LEAST_THRESHOLD = 0.3
@@ -184,7 +184,7 @@ def loop(derived: Rows, held: Any, rise: Any, towards: Any) -> Any:
 
 def ceramic(p: Params, derived: Rows, x: X) -> Any:
     """Return the stroke y_i of the ceramic without creep [m]."""
-    strained = x.charge - p.loop_weight * x.loop - total(p.slip_weight * x.slip)
+    strained = x.charge - p.loop_weight * x.loop - pairwise_sum(p.slip_weight * x.slip)
     bend = 1 + strained * (p.gain_slope + p.gain_curvature * strained)
     return derived.gains * strained * bend
 
@@ -212,7 +212,7 @@ def substep(p: Params, volts: Any, towards: Any, x: X, h: float, derived: Rows) 
     creep = aim + (x.creep - aim) * derived.creep
 
     # Forced by a straight run from `start` to `end`, the mode follows it 2 zeta / w late.
-    start, end = before + total(x.creep), after + total(creep)
+    start, end = before + pairwise_sum(x.creep), after + pairwise_sum(creep)
     way = end - start
     slope, late = way * (1 / h), derived.late * way
     free = derived.mode @ ca.vertcat(

@@ -157,15 +157,15 @@ def last_output(function: ca.Function, *moving: int) -> ca.Function:
     return ca.Function(f"{function.name()}_answer", arguments, [output], options)
 
 
-def answer(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
+def output_function(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
     """Return the outputs of a sample alone."""
     ahead = p.filter.replace(horizon=delay(p)).pack()
     find = last_output(tones(T), 1, 2)
     tone = find(ahead, u.tip_displacement, u.valid, x.filter.pack())
     motion = inertial.motion(x.front, inertial.since(u.force, u.valid, x.front))
     position = ca.if_else(p.tremor_filter == INERTIAL, motion, u.tip_displacement)
-    forecasted = var_forecaster.answer(derived.band, position, u.valid, x.forecaster, T).tremor
-    tremor = chosen_tremor(p, u, tone, forecasted)
+    found = var_forecaster.estimate_outputs(derived.band, position, u.valid, x.forecaster, T)
+    tremor = chosen_tremor(p, u, tone, found.tremor)
     drives = last_output(acting(T), 2, 3)
     command = drives(p.pack(), operators_of(derived), u.pack(), tremor, x.driving.pack())
     return put_out(command, tremor, tone)
@@ -177,5 +177,5 @@ def operators_of(derived: Precomputed) -> Any:
 
 
 MODEL = Model.of_step(
-    "TremorCanceller", step, sample_period=SAMPLE_PERIOD, derive=derive, matrix=True, answer=answer
+    "TremorCanceller", step, SAMPLE_PERIOD, derive=derive, matrix=True, answer=output_function
 )

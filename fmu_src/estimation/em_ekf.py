@@ -533,7 +533,7 @@ class Gravity(NamedTuple):
 
     Attributes:
         nominal, P: state and covariance after it.
-        squared: normalised innovation squared.
+        nis: normalised innovation squared.
         by: whether it was made.
         acceleration: next `Acceleration`, packed.
         accelerated: whether the hand accelerates.
@@ -541,7 +541,7 @@ class Gravity(NamedTuple):
 
     nominal: Any
     P: Any
-    squared: Any
+    nis: Any
     by: Any
     acceleration: Any
     accelerated: Any
@@ -571,10 +571,10 @@ def _correct_by_gravity(p: Params, x: X, d: Due, nominal: Any, P: Any) -> Gravit
     R_f = (resting + moving) * ca.DM.eye(3)
     by_gravity = ca.logic_and(d.aided, ca.logic_not(ca.logic_and(e.hard_switching, accelerated)))
     known = ca.vertcat(d.mean[:3], i.gravity)
-    nominal, P, squared = correct_if(
+    nominal, P, nis = correct_if(
         by_gravity, FILTER, gravity_residual, nominal, P, known, R_f, e.gate
     )
-    return Gravity(nominal, P, squared, by_gravity, acceleration, accelerated)
+    return Gravity(nominal, P, nis, by_gravity, acceleration, accelerated)
 
 
 class Heading(NamedTuple):
@@ -582,7 +582,7 @@ class Heading(NamedTuple):
 
     Attributes:
         nominal, P: state and covariance after it.
-        squared: normalised innovation squared.
+        nis: normalised innovation squared.
         by: whether it was made.
         usable: whether the field may be used.
         doubt: time for which a field that was strange is not believed [s].
@@ -591,7 +591,7 @@ class Heading(NamedTuple):
 
     nominal: Any
     P: Any
-    squared: Any
+    nis: Any
     by: Any
     usable: Any
     doubt: Any
@@ -618,10 +618,10 @@ def _correct_by_field(p: Params, x: X, d: Due, gravity: Gravity) -> Heading:
     q = Nominal.unpack(nominal).attitude
     (measured,) = sources.recorded("heading", heading, q, field)
     known = ca.vertcat(measured, q, m.inclination)
-    nominal, P, squared = correct_if(
+    nominal, P, nis = correct_if(
         by_heading, FILTER, heading_residual, nominal, gravity.P, known, R_h, e.gate
     )
-    return Heading(nominal, P, squared, by_heading, usable, doubt, disturbed)
+    return Heading(nominal, P, nis, by_heading, usable, doubt, disturbed)
 
 
 class Coils(NamedTuple):
@@ -629,14 +629,14 @@ class Coils(NamedTuple):
 
     Attributes:
         nominal, P: state and covariance after it.
-        squared: normalised innovation squared.
+        nis: normalised innovation squared.
         by: whether it was made.
         doubted: time for which the tracker has not fitted [s].
     """
 
     nominal: Any
     P: Any
-    squared: Any
+    nis: Any
     by: Any
     doubted: Any
 
@@ -660,16 +660,16 @@ def _correct_by_tracker(
         known = sources.measured("coils", _coils, nominal, turn, z)
         found = FILTER.correct(tracker_residual, nominal, known, P, R, gate)
         (level,) = sources.recorded("levelled", levelled, nominal, z, turn, f)
-        return found.x, found.P, found.squared, level
+        return found.x, found.P, found.nis, level
 
     age = ca.fmax(u.em_age - e.lag, 0)
     attitude, force = d.came.attitude, d.mean[:3]
-    nominal, P, squared, level = chosen(
+    nominal, P, nis, level = chosen(
         by_coils, with_tracker, north.nominal, north.P, attitude, d.past, age, force, R_e, e.gate
     )
     # Where metal bends the tracker's attitude, it mostly bends the vertical, too.
-    beyond = ca.logic_and(squared > 3 * e.gate, level)
-    return Coils(nominal, P, squared, by_coils, sources.doubted(x.tracked, by_coils, beyond, T))
+    beyond = ca.logic_and(nis > 3 * e.gate, level)
+    return Coils(nominal, P, nis, by_coils, sources.doubted(x.tracked, by_coils, beyond, T))
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
@@ -701,7 +701,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     attitude_sigma = ca.sqrt(variances[SPACE.places["attitude"]] + g.variance)
     well_known = ca.mmax(attitude_sigma) < p.attitude_limit
     aided_by_coils = 1 - d.by_tracker
-    squared = gravity.squared + north.squared + aided_by_coils * coils.squared
+    nis = gravity.nis + north.nis + aided_by_coils * coils.nis
     return (
         X(
             nominal=state,
@@ -732,7 +732,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             distortion_sigma=sigma["distortion"],
             mounting_sigma=sigma["mounting"],
             registration_sigma=sigma["registration"],
-            innovation_squared=ca.fmax(squared, 0),
+            innovation_squared=ca.fmax(nis, 0),
             innovation_size=3 * gravity.by + north.by + 3 * coils.by * aided_by_coils,
         ),
     )

@@ -186,9 +186,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
 
     R_w = p.rate_noise**2 / (2 * p.rate_interval) * ca.DM.eye(3)
     counted = ca.logic_and(usable, x.started)
-    nominal, P, squared = correct_if(
-        counted, FILTER, gyro_residual, nominal, P, sample.sensed[:3], R_w
-    )
+    nominal, P, nis = correct_if(counted, FILTER, gyro_residual, nominal, P, sample.sensed[:3], R_w)
 
     # Before there is an attitude the gyro alone tells the turns.
     w = ca.if_else(x.started, Nominal.unpack(nominal).rate, sample.sensed[:3])
@@ -200,7 +198,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         turn = ca.vertcat(sources.since(past, behind, T), behind - age)
         known = sources.measured("then", _then, nominal, turn, z)
         found = FILTER.correct(optical_residual, nominal, known, P, R, gate)
-        return found.x, found.P, found.squared
+        return found.x, found.P, found.nis
 
     # At the first attitude the gyro tells the rate; what of it is bias shows later.
     begins = ca.logic_or(ca.logic_not(x.started), x.tracked.doubted > p.astray)
@@ -220,11 +218,11 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
     P = ca.if_else(first, begun, P)
     R_q = p.optical_sigma**2 * ca.DM.eye(3)
-    nominal, P, optical_squared = chosen(
+    nominal, P, optical_nis = chosen(
         arrival.taken, by_tracker, nominal, P, arrival.attitude, past, u.optical_age, R_q, p.gate
     )
     started = ca.logic_or(x.started, first)
-    beyond = optical_squared > 3 * p.gate
+    beyond = optical_nis > 3 * p.gate
     doubted = sources.doubted(x.tracked, arrival.taken, beyond, T)
     tracked = arrival.tracked.replace(doubted=doubted)
     # Until an attitude has come there is nothing to predict.
@@ -254,7 +252,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             rate_bias_sigma=sigma[6:9],
             lag_seen=state.lag,
             lag_seen_sigma=sigma[9],
-            innovation_squared=ca.fmax(squared + measured * optical_squared, 0),
+            innovation_squared=ca.fmax(nis + measured * optical_nis, 0),
             innovation_size=3 * counted + 3 * measured,
         ),
     )

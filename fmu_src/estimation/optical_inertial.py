@@ -44,7 +44,7 @@ import casadi as ca
 from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.estimation import ports
-from fmu_src.filters.error_space import Space, slope
+from fmu_src.filters.error_space import Space, jacobian_at_zero
 from fmu_src.filters.error_state import Filter, chosen, deviation
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
@@ -398,7 +398,7 @@ class Corrected(NamedTuple):
 
     Attributes:
         nominal, P: state and covariance.
-        squared: normalised innovation squared.
+        nis: normalised innovation squared.
         size: its degrees of freedom.
         doubted: whether the last pose did not fit.
         used: whether the tracker corrected or started the filter.
@@ -408,7 +408,7 @@ class Corrected(NamedTuple):
 
     nominal: Any
     P: Any
-    squared: Any
+    nis: Any
     size: Any
     doubted: Any
     used: Any
@@ -438,10 +438,10 @@ class _Step:
         R: Any,
         g: Any,
     ) -> tuple[Any, ...]:
-        """Return state, covariance and squared innovation after a measurement of some age."""
+        """Return state, covariance and nis after a measurement of some age."""
         known = ca.vertcat(*_way_back(nominal, past, steps, age), z)
         found = self.method.correct(function, nominal, known, P, R, g)
-        return found.x, found.P, found.squared
+        return found.x, found.P, found.nis
 
     def advance(self, p: Any, u: Any, x: Any, T: float) -> Advanced:
         """Return the state up to this inertial sample; where one is overdue the last one holds."""
@@ -482,12 +482,12 @@ class _Step:
         position, attitude = tracker.position_noise, tracker.attitude_noise
         R = ca.diag(ca.vertcat(ca.repmat(position**2, 3, 1), ca.repmat(attitude**2, 3, 1)))
         gate = ca.if_else(x.doubted, OPEN, tracker.gate)
-        nominal, P, squared = chosen(
+        nominal, P, nis = chosen(
             usable,
             lambda *values: self.correct(residual, *values),
             *(now.nominal, now.P, past, steps, age, z, R, gate),
         )
-        doubted = ca.if_else(usable, squared > POSE * tracker.gate, x.doubted)
+        doubted = ca.if_else(usable, nis > POSE * tracker.gate, x.doubted)
 
         visible = ca.vertcat(
             u.optical_visible1, u.optical_visible2, u.optical_visible3, u.optical_visible4
@@ -498,7 +498,7 @@ class _Step:
         seen = ca.vertcat(
             u.optical_marker1, u.optical_marker2, u.optical_marker3, u.optical_marker4
         )
-        nominal, P, marker_squared = chosen(
+        nominal, P, marker_nis = chosen(
             single,
             lambda *values: self.correct(marker_residual, *values),
             *(nominal, P, past, steps, age),
@@ -516,7 +516,7 @@ class _Step:
         return Corrected(
             nominal,
             P,
-            squared=squared + marker_squared,
+            nis=nis + marker_nis,
             size=POSE * usable + 3 * count * single,
             doubted=doubted,
             used=ca.logic_or(ca.logic_or(usable, single), first),
@@ -568,7 +568,7 @@ class _Step:
             mounting=ca.if_else(started, rotations.canonical(state.mounting), ca.DM([1, 0, 0, 0])),
             rate_lag=state.rate_lag,
             force_lag=state.force_lag,
-            innovation_squared=ca.fmax(found.squared, 0),
+            innovation_squared=ca.fmax(found.nis, 0),
             innovation_size=found.size,
         )
 
@@ -681,5 +681,6 @@ def _now() -> ca.Function:
     turned = rotations.multiply(rotations.conjugate(here[0]), there[0])
     apart = ca.vertcat(rotations.to_rotation_vector(turned), *there[1:])
     rate, _ = rate_and_force(state, sensed)
-    results = [rotations.canonical(here[0]), *here[1:], rate, ca.densify(slope(apart, e).T)]
+    slopes = ca.densify(jacobian_at_zero(apart, e).T)
+    results = [rotations.canonical(here[0]), *here[1:], rate, slopes]
     return ca.Function("now", [x, sensed, pending], results, {"cse": True})

@@ -26,7 +26,7 @@ cannot tell v, a and w. Samples come at any rates: an occlusion is H_ots left ou
 
 There are no biases, no lags and no scale: this filter stands beside `OpticalInertialUkf` to show
 what they are worth. A pose that is late is compared with p - v d and q (x) exp(-w d / 2), d its
-age, and no more. Faults are told as E13 does not: an inertial unit that is silent, frozen or
+age, and no more. Faults are detected, unlike in E13: an inertial unit that is silent, frozen or
 clipped is not taken, nor is a pose that is none or the one before once more.
 """
 
@@ -176,13 +176,13 @@ def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
         return FILTER.predict(process, nominal, ca.MX(T), P, Q)
 
     nominal, P = chosen(x.started, predict, x.nominal.pack(), x.P, process_noise(p, T))
-    nominal, P, inertial_squared = correct_if(
+    nominal, P, inertial_nis = correct_if(
         *(sensed, FILTER, inertial_residual, nominal, P),
         ca.vertcat(sample.sensed, p.gravity),
         _twice(p.rate_noise, p.force_noise),
     )
     usable = ca.logic_and(taken, x.started)
-    nominal, P, squared = correct_if(
+    nominal, P, nis = correct_if(
         *(usable, FILTER, optical_residual, nominal, P),
         ca.vertcat(z, u.optical_age, p.lever),
         _twice(p.position_noise, p.attitude_noise),
@@ -212,7 +212,7 @@ def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
         started=started,
         unit=sample.unit,
         pose=ca.if_else(u.optical_new, z, x.pose),
-        doubted=ca.if_else(usable, squared > POSE * p.gate, x.doubted),
+        doubted=ca.if_else(usable, nis > POSE * p.gate, x.doubted),
         unseen=ca.fmin(unseen, LONG),
     )
     return following, Out(
@@ -225,7 +225,7 @@ def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
         inertial_lost=sample.lost,
         optical_lost=ca.logic_or(unseen > p.occlusion_limit, ca.logic_not(started)),
         **{f"{name}_sigma": value for name, value in part.items()},
-        innovation_squared=ca.fmax(inertial_squared + squared, 0),
+        innovation_squared=ca.fmax(inertial_nis + nis, 0),
         innovation_size=INERTIAL * sensed + POSE * usable,
     )
 

@@ -219,7 +219,7 @@ class Moved:
         return ca.vertcat(*after), P
 
 
-def slope(expression: Any, e: Any) -> Any:
+def jacobian_at_zero(expression: Any, e: Any) -> Any:
     """Jacobian of an expression by an error e, at zero error."""
     return at_zero(ca.jacobian(expression, e), e)
 
@@ -229,7 +229,7 @@ def at_zero(expression: Any, e: Any) -> Any:
     return ca.simplify(ca.substitute(expression, e, ca.DM.zeros(*e.shape)))
 
 
-def bends(J: Any, e: Any) -> tuple[list[int], list[int]]:
+def nonlinear_errors(J: Any, e: Any) -> tuple[list[int], list[int]]:
     """Find the errors that bend a function of the Jacobian J, and the others it depends on.
 
     While the first ones are zero, the function is straight in the second. It may have kinks, but no

@@ -9,7 +9,7 @@
 | f, Q | process x' = f(x, u) and the covariance it adds |
 | r(x, u) | residual: what was measured minus what x predicts, (m,) |
 | R, S | covariance of the measurement, of the residual |
-| nu | normalised innovation squared r^T S^-1 r, chi-squared with m degrees of freedom |
+| nu, nis | normalised innovation squared r^T S^-1 r, chi-squared with m degrees of freedom |
 
 Both filters have the same two steps, `predict` and `correct`, with the same arguments, so that a
 model is written once and chooses. `process` and `residual` are functions of the nominal record and
@@ -30,7 +30,7 @@ stays known.
 
 A residual that the filter does not believe, nu above a gate for each degree of freedom, counts with
 a covariance so much larger that it lies at the gate: it pulls a little, whatever its size, and a
-filter that has gone astray finds back. nu as given out is that before widening.
+filter that has gone astray finds back. nu as given out is that before this robust inflation.
 """
 
 from collections.abc import Callable
@@ -46,8 +46,8 @@ from fmu_src.filters.error_space import (
     Residual,
     Space,
     at_zero,
-    bends,
-    slope,
+    jacobian_at_zero,
+    nonlinear_errors,
     variables,
 )
 
@@ -67,7 +67,7 @@ class Corrected(NamedTuple):
     x: Any
     P: Any
     residual: Any
-    squared: Any
+    nis: Any
 
 
 class Extended:
@@ -80,7 +80,7 @@ class Extended:
         """State and covariance after the process."""
         part = Moved(self.space, process, u)
         small, center = part.small, part.small.stacked(part.alone)
-        F = slope(small.nearly(center, part.after(part.e)), part.e)
+        F = jacobian_at_zero(small.nearly(center, part.after(part.e)), part.e)
         results = [small.scaled(center), ca.densify(F.T)]
         center, F = ca.Function("transition", part.symbols, results, {"cse": True})(x, u)
         across = P @ F
@@ -98,24 +98,24 @@ class Extended:
             u: known numbers, the measurement among them.
             P: covariance of the error.
             R: covariance of the measurement, (m, m).
-            gate: nu for each degree of freedom, beyond which R is widened.
+            gate: nu for each degree of freedom, beyond which R is inflated.
         """
         space = self.space
         point, known, e = variables(space, u)
         r = residual(space.record.unpack(space.moved(point, e)), known)
-        H = -slope(r, e)
+        H = -jacobian_at_zero(r, e)
         found = [at_zero(r, e), H]
         function = ca.Function("measure", [point, known], found, {"cse": True})
         r, H = function(x, u)
         gain = H @ P
         S = gain @ H.T + R
-        solved, squared = _solved(S, gain, r)
-        extra = _widening(squared, r, gate)
+        solved, nis = _solved(S, gain, r)
+        extra = _robust_inflation(nis, r, gate)
         K = solved.T / (1 + extra)
         R = R + extra * S
         P = P - K @ gain
         P = P - (P @ H.T) @ K.T + K @ R @ K.T
-        return Corrected(_moved(space, x, K @ r), _symmetric(P), r, squared)
+        return Corrected(_moved(space, x, K @ r), _symmetric(P), r, nis)
 
 
 class Unscented:
@@ -176,10 +176,10 @@ class Unscented:
         r = self._mean(images)
         spread, across = self._covariance(images - ca.repmat(r, 1, images.shape[1]), points)
         S = spread + R
-        solved, squared = _solved(S, -across.T, r)
-        wider = 1 + _widening(squared, r, gate)
+        solved, nis = _solved(S, -across.T, r)
+        wider = 1 + _robust_inflation(nis, r, gate)
         S, K = wider * S, solved.T / wider
-        return Corrected(_moved(space, x, K @ r), _symmetric(P - K @ S @ K.T), r, squared)
+        return Corrected(_moved(space, x, K @ r), _symmetric(P - K @ S @ K.T), r, nis)
 
     def _mean(self, images: Any) -> Any:
         """Return the mean of all points, from the images of those that were taken, (m, 1)."""
@@ -231,7 +231,7 @@ class _Points:
             arguments: the same in the filter.
         """
         J = ca.jacobian(value, e)
-        bent, straight = bends(J, e)
+        bent, straight = nonlinear_errors(J, e)
         acting = bent + straight
         order = acting + [i for i in range(e.numel()) if i not in acting]
         self.back = list(np.argsort(order))
@@ -350,7 +350,7 @@ def correct_if(
 
     def corrected(x: Any, P: Any, u: Any, R: Any, *gate: Any) -> tuple[Any, Any, Any]:
         found = method.correct(residual, x, u, P, R, *gate)
-        return found.x, found.P, found.squared
+        return found.x, found.P, found.nis
 
     return chosen(condition, corrected, x, P, u, R, *gate)
 
@@ -379,6 +379,6 @@ def _solved(S: Any, gain: Any, r: Any) -> tuple[Any, Any]:
     return found[:, :-1], ca.dot(r, found[:, -1])
 
 
-def _widening(squared: Any, r: Any, gate: Any) -> Any:
+def _robust_inflation(nis: Any, r: Any, gate: Any) -> Any:
     """By how much S grows, so that r lies at the gate: 0 inside it."""
-    return ca.fmax(squared / (r.shape[0] * gate) - 1, 0)
+    return ca.fmax(nis / (r.shape[0] * gate) - 1, 0)

@@ -134,12 +134,12 @@ class Container(Model):
         )
 
     @property
-    def streams(self) -> list[tuple[int, int]]:
-        """See `Model.streams`; a member's stream is that of its own seed."""
+    def noise_streams(self) -> list[tuple[int, int]]:
+        """See `Model.noise_streams`; a member's stream is that of its own seed."""
         return [
             (at.p.start + seed, count * self.rate(member))
             for member, at in zip(self.members, self.slices, strict=True)
-            for seed, count in member.model.streams
+            for seed, count in member.model.noise_streams
         ]
 
     def rate(self, member: Member) -> int:
@@ -153,8 +153,8 @@ class Container(Model):
         return delayed or any(self.rate(member) > 1 for member in self.members)
 
     @property
-    def latches(self) -> list[tuple[int, int]]:
-        """See `Model.latches`: what is delayed is, at first, what initialisation shows."""
+    def initial_latches(self) -> list[tuple[int, int]]:
+        """See `Model.initial_latches`: what is delayed is, at first, what initialisation shows."""
         return [
             (place, first + tick)
             for place, first, ticks in self.lines.values()

@@ -119,12 +119,12 @@ class Model:
         return False
 
     @property
-    def latches(self) -> list[tuple[int, int]]:
+    def initial_latches(self) -> list[tuple[int, int]]:
         """Places of outputs and of the states that take their values when initialisation ends."""
         return []
 
     @property
-    def streams(self) -> list[tuple[int, int]]:
+    def noise_streams(self) -> list[tuple[int, int]]:
         """Noise draws of a sample: place of the seed among parameters, how many."""
         if not self.draws:
             return []
@@ -167,7 +167,7 @@ class Model:
         return self.step_function
 
     @cached_property
-    def slope_function(self) -> ca.Function:
+    def directional_derivative(self) -> ca.Function:
         """`(p, d, u, x, r, du) -> dy`: how outputs of a sample answer a change of its inputs."""
         arguments = symbols_in(self.step_function)
         du = self._symbol.sym("du", self.inputs.size())

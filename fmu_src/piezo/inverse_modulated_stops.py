@@ -39,7 +39,7 @@ from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, real
-from fmu_src.math.pairwise import smallest, total
+from fmu_src.math.pairwise import pairwise_min, pairwise_sum
 from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
 from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
@@ -166,7 +166,7 @@ def nearby(
     wanted = stroke - settled(p, derived, x)
     share = derived.share
     here = ca.fmin(ca.fmax(x.volts, amplifier.lowest), amplifier.highest)
-    low, high = (-share * total(w * x.plays) for w in (p.weights_low, p.weights_high))
+    low, high = (-share * pairwise_sum(w * x.plays) for w in (p.weights_low, p.weights_high))
     resting = Piece(p, derived, low, derived.low_sum, high, derived.high_sum)
     side = ca.if_else(resting.stroke(share * here) < wanted, 1.0, -1.0)
     # How far each play is from its end in the direction of the voltage [V]. Those that are there
@@ -174,7 +174,7 @@ def nearby(
     way = (p.thresholds + side * x.plays) - side * here
     ended = way <= SAME * p.span
     low_ended, high_ended = (
-        total(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
+        pairwise_sum(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
     )
     ahead = Piece(
         p,
@@ -185,7 +185,7 @@ def nearby(
         derived.high_sum - high_ended,
     )
     limit = ca.if_else(side > 0, amplifier.highest - here, here - amplifier.lowest)
-    reach = smallest(ca.vertcat(limit, ca.if_else(ended, limit, way)))
+    reach = pairwise_min(ca.vertcat(limit, ca.if_else(ended, limit, way)))
     end = share * (here + side * reach)
     bottom, top = ca.fmin(share * here, end), ca.fmax(share * here, end)
     a, last = ahead.solved(wanted, share * here, bottom, top, FEW_STEPS)

@@ -45,7 +45,7 @@ from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, condition, real
-from fmu_src.math.pairwise import total
+from fmu_src.math.pairwise import pairwise_sum
 from fmu_src.piezo.prandtl_ishlinskii import UNDEFINED
 
 STOPS = 12
@@ -184,7 +184,7 @@ def creep(p: Stops, derived: Constants, x: Memory) -> ca.SX:
 
 def settled(p: Stops, derived: Constants, x: Memory) -> ca.SX:
     """Return the part of the stroke that does not depend on the voltage of this sample [m]."""
-    crept = total(p.creep * creep(p, derived, x))
+    crept = pairwise_sum(p.creep * creep(p, derived, x))
     return crept - derived.steepness * (x.volts * derived.share)
 
 
@@ -198,7 +198,7 @@ def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memo
     following = remember(p, derived, u.volts, x)
     a = u.volts * derived.share
     left = u.volts - following.plays
-    low, high = total(p.weights_low * left), total(p.weights_high * left)
+    low, high = pairwise_sum(p.weights_low * left), pairwise_sum(p.weights_high * left)
     held = ((1 - a) * low + a * high) * derived.share
     stroke = settled(p, derived, x) + derived.steepness * a + loading(p, a) - held
     return following, Out(stroke=stroke)

@@ -18,7 +18,7 @@ for Surgical Robotics Applications* (2013): the coefficients are the state, what
 next sample, and prediction goes several strides ahead. No axis knows of the others. Every sample
 is the end of a series of strides, so that an output stands at each; all series share coefficients.
 
-The papers predict a tremor that a band-pass has told from intent before. A causal one is late, and
+The papers predict a tremor that a band-pass has separated from intent. A causal one is late, and
 predicting farther makes up for it. So built, and tuned by random search over prefilter, stride,
 order, noise, gain and distance, the best on hands gains 34 % a-posteriori, and that one predicts
 nothing; those that do predict gain less. Here the prefilter is the difference over a stride, which
@@ -208,7 +208,7 @@ def found(derived: Weights, motion: Any, x: X) -> Out:
     return Out(tremor=known + forecast)
 
 
-def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
+def output_function(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
     """Return the outputs of a sample alone."""
     return found(derived, moved(u, x)[0], x)
 
@@ -231,5 +231,5 @@ def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
 
 
 MODEL = Model.of_step(
-    "ArKalman", step, sample_period=SAMPLE_PERIOD, derive=derive, matrix=True, answer=outputs
+    "ArKalman", step, SAMPLE_PERIOD, derive=derive, matrix=True, answer=output_function
 )

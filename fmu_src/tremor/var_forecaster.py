@@ -60,7 +60,7 @@ from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, boolean, real, vector
 from fmu_src.math import phasors, zero_phase
-from fmu_src.math.pairwise import total
+from fmu_src.math.pairwise import pairwise_sum
 from fmu_src.tremor import blocks
 from fmu_src.tremor.ports import In
 
@@ -166,7 +166,7 @@ def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: f
 def inner(one: Any, other: Any) -> Any:
     """Return the inner product of two columns."""
     products = one * other
-    return total(ca.vertcat(*(ca.sum1(products[lane::LANES]) for lane in range(LANES))))
+    return pairwise_sum(ca.vertcat(*(ca.sum1(products[lane::LANES]) for lane in range(LANES))))
 
 
 def others(axis: int) -> list[int]:
@@ -365,7 +365,7 @@ def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
     return seen / LEARNING * ca.fmax(-limit, ca.fmin(limit, ca.vertcat(*tremor)))
 
 
-def answer(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
+def estimate_outputs(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
     """Return the outputs of `estimate` alone."""
     _, motion = moved(position, valid, x)
     swung = swing(velocities(motion), x, T)
@@ -441,11 +441,11 @@ def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
     return estimate(derived, u.position, u.valid, x, T)
 
 
-def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
+def output_function(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
     """Return the outputs of a sample alone."""
-    return answer(derived, u.position, u.valid, x, T)
+    return estimate_outputs(derived, u.position, u.valid, x, T)
 
 
 MODEL = Model.of_step(
-    "VarForecaster", step, sample_period=SAMPLE_PERIOD, derive=derive, matrix=True, answer=outputs
+    "VarForecaster", step, SAMPLE_PERIOD, derive=derive, matrix=True, answer=output_function
 )

@@ -298,7 +298,7 @@ def step(p: Params, u: In, x: X, T: float, derived: Gains) -> tuple[X, Out]:
         taken[0] * tilt.residual,
         taken[1] * (north.residual - north.H[:2] @ tilt.residual),
     )
-    squared = taken[0] * tilt.correction.squared + taken[1] * north.correction.squared
+    nis = taken[0] * tilt.correction.nis + taken[1] * north.correction.nis
     return state, Out(
         attitude=rotations.canonical(q),
         rate=turn.rate_measured - b,
@@ -308,7 +308,7 @@ def step(p: Params, u: In, x: X, T: float, derived: Gains) -> tuple[X, Out]:
         tip_displacement=tip.displacement,
         valid=_valid(p, s, start, turn, before, tilt, P, outage),
         innovation=before.R.T @ used,
-        innovation_squared=ca.fmax(squared, 0),
+        innovation_squared=ca.fmax(nis, 0),
         innovation_size=2 * taken[0] + taken[1],
         attitude_sigma=ca.sqrt(ca.fmax(ca.diag(P)[:3], 0)),
         rate_bias_sigma=ca.sqrt(ca.fmax(ca.diag(P)[3:], 0)),
