@@ -30,7 +30,7 @@ class Params(Parameters):
 
 
 class In(Inputs):
-    """What is there."""
+    """Stroke of the stack."""
 
     stroke = real("m", "stroke of the stack", within=1e-2)
 
@@ -40,7 +40,7 @@ class Resting(State):
 
 
 class Out(Outputs):
-    """What is read."""
+    """Stroke as read."""
 
     measured = real("m", "stroke as read")
 

@@ -99,7 +99,7 @@ class In(Inputs):
 
 
 class Precomputed(Derived):
-    """What follows from the share of losses."""
+    """Threshold of a loss, computed from the share of losses."""
 
     loss_draw = real(None, "standard normal draw below which a measurement is lost")
 

@@ -132,7 +132,7 @@ class In(Inputs):
 
 
 class Drives(Derived):
-    """What the drive of each filter is scaled with, so that its output has a variance of 1."""
+    """Factors of the filters' drives, for which their outputs have a variance of 1."""
 
     intent = real(None, "slow intent")
     correction = real(None, "corrections, by their rate, too")

@@ -93,11 +93,11 @@ WALK_TURN = 3600.0
 SENSORS = ("1", "2", "3", "m")
 """Chips in the order of what has one value for each: three accelerometers and the magnetometer."""
 ROOM = 22.0
-"""Of A04's experiments (3.2.1.5) [degC]."""
+"""Temperature of A04's experiments (3.2.1.5) [degC]."""
 KNEE, LIFT, STUCK = 0.6, 0.25, 0.3
 """Y, Z, X: widths of bow, droop and loop, by the standard gravity."""
 RESOLUTION = 1 / 16
-"""Of a digital thermometer [K]."""
+"""Resolution of a digital thermometer [K]."""
 _HOUR = 3600.0
 _MAGNETOMETER_NOISE = design.MAGNETOMETER_RESOLUTION / np.sqrt(10.0)
 

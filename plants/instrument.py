@@ -100,7 +100,7 @@ class In(Inputs):
 
 
 class Precomputed(Derived):
-    """What does not move."""
+    """Constants: rest of the shaft, and the earth's field."""
 
     rest = real("m", "P(0), tip of the shaft at zero stroke, base frame of the legs", shape=3)
     field = real("T", "F (cos I, 0, -sin I), the earth's field in W", shape=3)
@@ -111,7 +111,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What the sensors feel, and where the tip is."""
+    """Quantities at the sensors, and place of the tip."""
 
     force1 = vector("m/s2", "specific force at site 1 in B")
     force2 = vector("m/s2", "specific force at site 2 in B")

@@ -34,7 +34,7 @@ JOINTS = 3
 
 
 class Params(Parameters):
-    """Where the wrist is and what it does."""
+    """Place of the wrist, and its programme."""
 
     pivot = real("m", "place of the joints in W", shape=3, within=5.0)
     arm = real("m", "from there to the origin of B, in B", shape=3, within=2.0)
@@ -60,7 +60,7 @@ class In(Inputs):
 
 
 class X(State):
-    """Where in its programme it is."""
+    """Time in the programme."""
 
     time = real("s", "since the cycle began", min=0.0)
 

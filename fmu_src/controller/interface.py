@@ -14,8 +14,8 @@ from fmu_src.tremor import inertial, var_forecaster, wflc_flc
 
 SAMPLE_PERIOD = 1e-3
 STACK_DELAY = 0.3e-3
-"""Of a stack behind the stroke asked for, where the operator does not hold it [s]: measured, 0.1 ms
-at 3 um and 0.6 ms at 0.35 um."""
+"""Lag of a stack behind the stroke asked for, where the operator does not hold it [s]: measured,
+0.1 ms at 3 um and 0.6 ms at 0.35 um."""
 ESTIMATOR_STARTS = {scalar.name: scalar.start for scalar in micron.Params.scalars()}
 TONES, FORECASTER, INERTIAL, EXTERNAL = 1, 2, 3, 4
 """Choices of the filter."""
@@ -62,7 +62,7 @@ class Params(Parameters):
 
 
 class Memory(State):
-    """What the stacks remember, by the operators that may be chosen."""
+    """Memories of the stacks, one for each operator that may be chosen."""
 
     plays_1 = real("V", "H of stack 1", shape=plays.PLAYS)
     plays_2 = real("V", "H of stack 2", shape=plays.PLAYS)
@@ -87,14 +87,14 @@ class Operators(Derived):
 
 
 class Precomputed(Operators):
-    """The same, the forecaster's band-pass, and what is known of the accelerometers."""
+    """Operators, the forecaster's band-pass, and constants of the accelerometers."""
 
     band: Any = var_forecaster.Weights
     front: Any = inertial.Front
 
 
 class In(inertial.In):
-    """What the estimator knows."""
+    """Outputs of the estimator, and commands from outside."""
 
     tip_displacement = vector("m", "estimated displacement of the tip, frame W", within=1.0)
     external_tremor = vector("m", "tremor found by another filter, frame W", within=1.0)
@@ -131,7 +131,7 @@ class Out(Outputs):
 
 
 class Command(Outputs):
-    """What acts: outputs but for the filter's."""
+    """Outputs of the drive, without those of the filter."""
 
     volts = real("V", "v", shape=3)
     engagement = real(None, "share of the correction that acts")

@@ -1,4 +1,4 @@
-"""What filters with a tracker do with samples before they believe them: faults, and age.
+"""Checks of samples ahead of filters with a tracker: faults, and age.
 
 | symbol | meaning |
 | --- | --- |
@@ -36,7 +36,7 @@ ONE_GAP = 0.2
 
 
 class Limits(Parameters):
-    """What an inertial unit can tell."""
+    """Ranges of an inertial unit."""
 
     rate_range = real("rad/s", "largest rate it tells from more", start=4.36, min=0.1, max=1e3)
     force_range = real(
@@ -48,7 +48,7 @@ class Limits(Parameters):
 
 
 class Unit(State):
-    """What is kept of the inertial samples."""
+    """Memory of the inertial samples."""
 
     sensed = real(None, "last rate and force that came", shape=6)
     pending = real("s", "time since then", min=0.0)
@@ -56,7 +56,7 @@ class Unit(State):
 
 
 class Tracked(State):
-    """What is kept of the tracker, and of the turns since."""
+    """Memory of the tracker's attitudes, and of the turns since."""
 
     last = real(None, "last attitude that came", shape=4)
     quiet = real("s", "time since one was taken", min=0.0)
@@ -71,7 +71,7 @@ class Tracked(State):
 
 
 class Sample(NamedTuple):
-    """What is kept, rate and force, whether they came and are lost, the sample's turn [rad]."""
+    """Next memory, rate and force, whether they came and are lost, the sample's turn [rad]."""
 
     unit: Unit
     sensed: Any
@@ -81,7 +81,7 @@ class Sample(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """What is kept, whether an attitude is taken, its unit quaternion."""
+    """Next memory, whether an attitude is taken, its unit quaternion."""
 
     tracked: Tracked
     taken: Any

@@ -229,7 +229,7 @@ class In(Inputs):
 
 
 class Gathered(State):
-    """Of the samples since the last correction, in the body as it is now."""
+    """Sums over the samples since the last correction, in the body as it is now."""
 
     turn = quaternion("quaternion turned through")
     angle = real("rad", "angle turned through", min=0.0)
@@ -241,7 +241,7 @@ class Gathered(State):
 
 
 class Acceleration(State):
-    """What is seen of acceleration."""
+    """Acceleration seen in the specific force."""
 
     slow = real("m/s2", "slow mean of the specific force in W", shape=3)
     level = real("m/s2", "departure from it, falling slowly", min=0.0)
@@ -429,7 +429,7 @@ def disturbance(site: Any, q: Any, field: Any) -> Any:
 
 
 class Due(NamedTuple):
-    """What is measured at this sample.
+    """Measurements that are due at this sample.
 
     Attributes:
         sample: of the inertial unit, see `sources.inertial`.

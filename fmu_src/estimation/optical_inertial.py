@@ -113,7 +113,7 @@ class Inertial(Parameters):
 
 
 class Mounting(Parameters):
-    """How the inertial unit sits on the tracked body, and lags behind the tracker's clock."""
+    """Place of the inertial unit on the tracked body, and its lag behind the tracker's clock."""
 
     lever = real("m", "l in B", shape=3, within=2.0)
     lever_sigma = real("m", "how well it is known", start=0.05, min=0.0, max=1.0)

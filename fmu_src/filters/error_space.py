@@ -1,4 +1,4 @@
-"""What a state that may hold rotations is made of, and how functions depend on its error.
+"""States that may hold rotations, and functions of their error.
 
 | symbol | meaning |
 | --- | --- |
@@ -21,7 +21,7 @@ Residual = Callable[[Any, Any], Any]
 
 
 class ErrorPart(NamedTuple):
-    """Where a field stands in the state and in its error, and whether it is a rotation."""
+    """Place of a field in the state and in its error; `turns` for a rotation."""
 
     whole: slice
     error: slice
@@ -29,7 +29,7 @@ class ErrorPart(NamedTuple):
 
 
 class Space:
-    """What a nominal state is made of, and how errors move it.
+    """Fields of a nominal state, and errors that move it.
 
     Args:
         record: of the state; its fields are stacked in their order.
@@ -140,7 +140,7 @@ class Space:
 
 
 class Moved:
-    """What a process does to each field: moves it, scales its error, or leaves it alone.
+    """Effect of a process on each field: it moves it, scales its error, or leaves it alone.
 
     Attributes:
         symbols: x (N,) and u, what `alone` is made of.

@@ -62,7 +62,7 @@ SMALLEST = 1e-30
 
 
 class Corrected(NamedTuple):
-    """What a measurement leaves: state, covariance, residual (m,), nu."""
+    """Result of a correction: state, covariance, residual (m,), nu."""
 
     x: Any
     P: Any

@@ -75,7 +75,7 @@ class MemberLink:
 
 @dataclass(frozen=True)
 class Source:
-    """Where an input of a member takes its value from.
+    """Source of the value of a member's input.
 
     Attributes:
         record: `u`, an input of the container; `y`, an output of this tick; `x`, one of an earlier.
@@ -90,7 +90,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Slices:
-    """Where a member's variables lie in the container's vectors."""
+    """Places of a member's variables in the container's vectors."""
 
     p: slice
     d: slice

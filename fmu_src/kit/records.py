@@ -41,9 +41,9 @@ class Field:
     axes: tuple[str, ...] | None
     tunable: bool
     listed: bool = True
-    """Whether a description names it; memory by the hundred is better left out."""
+    """False for memory by the hundred, which descriptions leave out."""
     warning: str = ""
-    """What is wrong where a condition is false; empty for all other variables."""
+    """Message where a condition is false; empty for all other variables."""
 
     @property
     def size(self) -> int:
@@ -302,7 +302,7 @@ class Inputs(Record):
 
 
 class State(Record):
-    """What a model carries from one sample to the next."""
+    """Memory of a model, carried from one sample to the next."""
 
 
 class Outputs(Record):

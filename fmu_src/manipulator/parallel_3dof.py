@@ -74,12 +74,12 @@ from fmu_src.math import rotations
 LEG_ANGLES = np.radians([0.0, 120.0, 240.0])
 """Directions of the legs about z_0 (A04 6.1)."""
 ITERATIONS = 6
-"""Of the tilt; each is worth some three digits within reach."""
+"""Steps to find the tilt; each is worth some three digits within reach."""
 LARGEST_LATERAL = 0.25
 """Lateral demand, in shaft lengths, to which a longer one is shortened so that it has a tilt.
 Twenty times the reach, hence of no effect but on demands that are limited anyway."""
 NEWTON_STEPS = 4
-"""Of the forward solution, from a level platform; for stacks of six times the stroke."""
+"""Steps of the forward solution, from a level platform; for stacks of six times the stroke."""
 LARGEST_TILT = 0.5
 """|e| to which the forward solution is kept, so that there is one for any strokes; 60 deg."""
 ROUNDING = 1e-13
@@ -114,7 +114,7 @@ class Geometry(Parameters):
 
 
 class In(Inputs):
-    """Where the tip shall be."""
+    """Place wanted of the tip."""
 
     displacement = vector("m", "d, tip less tip at zero stroke, in frame 0", within=0.1)
 

@@ -34,13 +34,13 @@ from fmu_src.manipulator.parallel_3dof import Geometry
 
 
 class In(Inputs):
-    """What the stacks do."""
+    """Strokes of the stacks."""
 
     strokes = real("m", "lambda, strokes of the stacks", shape=3, min=-20e-6, max=1e-4)
 
 
 class Out(Outputs):
-    """Where they bring the tip."""
+    """Place of the tip."""
 
     displacement = vector("m", "d, tip less tip at zero stroke, in frame 0")
     jacobian = real(None, "J, displacement of the tip by stroke, row axis", shape=(3, 3))

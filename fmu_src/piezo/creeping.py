@@ -69,7 +69,7 @@ class In(Inputs):
 
 
 class Memory(State):
-    """What a stack remembers."""
+    """Memory of a stack."""
 
     plays = real("V", "H, outputs of the plays", shape=PLAYS)
     crept = real("V", "K, outputs of the creep operators", shape=(WIDTHS, LAGS))
@@ -83,7 +83,7 @@ class Out(Outputs):
 
 
 class Pace(Derived):
-    """What follows from the parameters."""
+    """Creep in a sample, computed from the parameters."""
 
     share = real(None, "of the way that is left, crept in a sample", shape=LAGS)
 

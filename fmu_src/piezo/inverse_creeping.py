@@ -42,7 +42,7 @@ class X(State):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Inverse operator and creep in a sample, computed from the parameters."""
 
     inverse: Any = Inverse
     pace: Any = Pace

@@ -52,9 +52,9 @@ FEW_STEPS, SMALL_STEP = 3, 1e-8
 TOLERANCE = 0.1e-9
 """Stroke by which a solution may miss the demand before it counts as limited [m]."""
 CORNER = 2.0
-"""Of the high-pass ahead of the adaptation [Hz]: below tremor, above creep."""
+"""Corner of the high-pass ahead of the adaptation [Hz]: below tremor, above creep."""
 LARGEST_GAIN = 1.5
-"""Of the adaptation, and the reciprocal of the smallest."""
+"""Largest gain of the adaptation, and the reciprocal of the smallest."""
 SAME = 1e-14
 """Share of the span by which rounding may keep a play from its end."""
 SMALLEST_POWER = (0.05e-6) ** 2
@@ -71,7 +71,7 @@ class Params(Parameters):
 
 
 class In(Inputs):
-    """What is wanted, and what is seen of it."""
+    """Stroke wanted, and stroke measured."""
 
     stroke = real("m", "d, stroke wanted", within=1e-3)
     measured = real("m", "m, stroke measured", within=1e-3)
@@ -90,7 +90,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What to send."""
+    """Voltage to send."""
 
     volts = real("V", "v, voltage to send")
     limited = boolean("whether the voltage had to be limited")
@@ -98,7 +98,7 @@ class Out(Outputs):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Constants of the operator, computed from the parameters."""
 
     operator: Any = Constants
 

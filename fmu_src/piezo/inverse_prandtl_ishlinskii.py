@@ -76,13 +76,13 @@ class Inverse(Derived):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Inverse operator, computed from the parameters."""
 
     inverse: Any = Inverse
 
 
 class In(Inputs):
-    """What is wanted."""
+    """Stroke wanted."""
 
     stroke = real("m", "z, stroke wanted", within=1e-3)
 
@@ -95,7 +95,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What to send."""
+    """Voltage to send."""
 
     volts = real("V", "v, voltage to send")
     limited = boolean("whether the voltage had to be limited")

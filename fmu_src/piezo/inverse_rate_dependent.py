@@ -43,7 +43,7 @@ class Params(Parameters):
 
 
 class In(Inputs):
-    """What is wanted."""
+    """Stroke wanted, and its rate."""
 
     stroke = real("m", "z, stroke wanted", within=1e-3)
     rate = real("m/s", "z', its rate where the voltage acts", within=10.0)
@@ -51,7 +51,7 @@ class In(Inputs):
 
 
 class Out(Outputs):
-    """What to send."""
+    """Voltage to send, and the rate it is for."""
 
     volts = real("V", "v, voltage to send")
     limited = boolean("whether the voltage had to be limited")
@@ -60,7 +60,7 @@ class Out(Outputs):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Range of the inverse, computed from the parameters."""
 
     limits: Any = Limits
 

@@ -111,7 +111,7 @@ class In(Inputs):
 
 
 class Memory(State):
-    """What a stack remembers."""
+    """Memory of a stack."""
 
     plays = real("V", "H, outputs of the plays", shape=STOPS)
     crept = real(None, "c, share of the span crept through", shape=LAGS)
@@ -125,7 +125,7 @@ class Out(Outputs):
 
 
 class Constants(Derived):
-    """What follows from the parameters."""
+    """Constants of the operator, computed from the parameters."""
 
     left = real(None, "what is left of creep's distance after a sample", shape=LAGS)
     steepness = real("m", "lead p_1 / T", start=0.0)

@@ -40,7 +40,7 @@ UNDEFINED = (
     "least one; an inverse goes on with slopes that are raised. Identify it again, or correct its "
     "values"
 )
-"""What is said of parameters without an inverse."""
+"""Warning for parameters without an inverse."""
 
 
 class Hysteresis(Parameters):

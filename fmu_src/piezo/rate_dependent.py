@@ -53,7 +53,7 @@ RATE_LIMITS = (200e-6,) * 2 + (750e-6,) * (PLAYS - 2)
 """A04 Fig. 7.11 has the first two slopes up to 200 um/s, and 746 um/s is the fastest of a sine of
 12.5 um p-p at 19 Hz (7.3.2)."""
 REFERENCE_RATE = 250e-6
-"""Of 12.5 um p-p at 10 Hz."""
+"""Largest rate of a sine of 12.5 um p-p at 10 Hz."""
 
 _Starting: Any = Hysteresis.starting(weights=WEIGHTS, saturation=SATURATION)
 
@@ -107,7 +107,7 @@ class Out(Outputs):
 
 
 class Limits(Derived):
-    """Where the operator has an inverse."""
+    """Range in which the operator has an inverse."""
 
     singular_rate = real("m/s", "least rate without an inverse", start=FASTEST)
     defined = condition("whether there is an inverse from rest up to that rate", UNDEFINED)

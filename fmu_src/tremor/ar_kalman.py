@@ -76,7 +76,7 @@ ORDER = 10
 AHEAD = 30
 """Strides of the forecast, and of the past that the band-pass reaches into."""
 NOISE = 100.0
-"""Of an observation, over the mean square of e; tuned. Neighbouring samples tell much the same."""
+"""Noise of an observation, over the mean square of e; tuned. Neighbours tell much the same."""
 INNOVATION = 0.3
 """Over which e^2 is averaged [s]; tuned."""
 REACH = 3.0
@@ -84,7 +84,7 @@ REACH = 3.0
 KEEPS = 0.95
 """a_0, a move as good as lasting; 0.8 does as well."""
 FADING = 0.94
-"""Of a move from stride to stride where the position cannot be trusted."""
+"""Share of a move that is left from stride to stride where the position cannot be trusted."""
 LEAST_MOVE = 1e-9
 """Size of e below which nothing is learnt [m]."""
 AXES = 3

@@ -74,7 +74,7 @@ class BmflcParams(Parameters):
 
 
 class Factors(Derived):
-    """What a sample does to the phasors; complex factors as real over imaginary parts."""
+    """Complex factors of the phasors in a sample, real over imaginary parts."""
 
     turn = real(None, "e^(i 2 pi f_i T), from one sample to the next", shape=2 * TONES)
     keep = real(None, "e^(-T / tau_m), what a sample leaves of the weights")

@@ -54,7 +54,7 @@ FREQUENCIES = np.arange(6.0, 14.1, 0.5)
 """f_i [Hz]."""
 TONES = len(FREQUENCIES)
 ORDER = 2
-"""Of the intent: place and speed."""
+"""Order of the intent: place and speed."""
 MEMORY = 0.8
 """tau_m [s]; tuned."""
 TREMOR_NOISE = 60.0

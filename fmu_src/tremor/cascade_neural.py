@@ -49,11 +49,11 @@ from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, integer, real, vector
 
 SAMPLE_PERIOD = 4e-3
-"""Of the recordings that are trained on, there and here [s]."""
+"""Sample period of the recordings that are trained on, there and here [s]."""
 INPUTS = 100
 """As many as Riviere and Khosla have (A04 5.3.3)."""
 HIDDEN = 10
-"""The same."""
+"""As many as Riviere and Khosla have."""
 SPACINGS = 5
 """Largest spacing of the inputs [samples]."""
 HISTORY = SPACINGS * (INPUTS - 1) + 1
@@ -61,12 +61,12 @@ AXES = 3
 REACH = 1.0
 """Positions beyond that are none [m]."""
 BESSEL_POINTS = 16
-"""Of the midpoint rule over half a turn; by symmetry the first half of them is enough."""
+"""Points of the midpoint rule over half a turn; by symmetry the first half of them is enough."""
 _SINES = np.sin(np.pi * (np.arange(BESSEL_POINTS // 2) + 0.5) / BESSEL_POINTS)
 
 
 class Activation(NamedTuple):
-    """What a hidden unit makes of its net input; both take it and the module to compute with."""
+    """Function of a hidden unit's net input; both take it and the module to compute with."""
 
     value: Callable[[Any, ModuleType], Any]
     slope: Callable[[Any, ModuleType], Any]
@@ -140,7 +140,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What is meant, and what is not."""
+    """Motion that is meant, and error."""
 
     motion = vector("m", "m, tip motion without error")
     error = vector("m", "e, position less that motion")

@@ -49,7 +49,7 @@ class Params(Parameters):
 
 
 class In(Inputs):
-    """What holds the tone."""
+    """Position that holds the tone."""
 
     position = vector("m", "s, position that holds the tone", within=1.0)
 

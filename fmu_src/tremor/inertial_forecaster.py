@@ -44,7 +44,7 @@ class X(State):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Constants of front and forecaster, computed from the parameters."""
 
     front: Any = inertial.Front
     band: Any = var_forecaster.Weights

@@ -43,7 +43,7 @@ class X(State):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Constants of front and oscillators, computed from the parameters."""
 
     front: Any = inertial.Front
     factors: Any = oscillators.Factors

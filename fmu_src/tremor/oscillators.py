@@ -62,7 +62,7 @@ FREQUENCIES = np.arange(3.0, 20.1, 0.75)
 """f_i [Hz]."""
 TONES = len(FREQUENCIES)
 ORDER = 3
-"""Of the intent: place, speed, acceleration."""
+"""Order of the intent: place, speed, acceleration."""
 MEMORY = 0.67
 """tau_m [s]; tuned."""
 TREMOR_NOISE = 1570.0

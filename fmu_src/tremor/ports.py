@@ -18,7 +18,7 @@ HORIZON = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
 
 
 class Surroundings(Parameters):
-    """What has been done to the position before, and when the tremor is wanted."""
+    """Wash-out of the position, and the horizon of the tremor."""
 
     wash_out = WASH_OUT
     horizon = HORIZON

@@ -76,15 +76,15 @@ EVERY = 100
 PRIOR = 0.02
 """Length of motion that the prior stands for [s]."""
 PRIOR_CORNER = 1.0
-"""Of the prior's velocity [Hz]."""
+"""Corner of the prior's velocity [Hz]."""
 LEARNING = 1.5
 """Time in which the output fades in [s]."""
 FADING = 0.97
-"""Of a velocity from stride to stride where the position cannot be trusted."""
+"""Share of a velocity that is left from stride to stride where the position cannot be trusted."""
 SWING_MEMORY = 1.0
 """Time in which the largest second difference is forgotten [s]."""
 LARGEST = 1.5
-"""Of the output, over the largest tremor that the second differences leave room for."""
+"""Largest output, over the largest tremor that the second differences leave room for."""
 LEAST_MOVE = 1e-9
 """Second difference below which nothing moves [m]."""
 SIZE = OWN + 2 * CROSS
@@ -92,7 +92,7 @@ AXES = 3
 LANES = 4
 """Sums that an inner product is summed up in at once, so that none waits for all terms before."""
 BLOCK = 7
-"""Of the least squares' equations, which are solved block by block: it divides SIZE."""
+"""Size of a block of the least squares' equations, solved block by block: it divides SIZE."""
 
 
 class Learning(zero_phase.Band):
@@ -102,7 +102,7 @@ class Learning(zero_phase.Band):
 
 
 class Params(Learning):
-    """The same, and what lies between the tip and the position that comes in."""
+    """Band and memory, horizon, and wash-out of the position that comes in."""
 
     horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
     wash_out: Any = zero_phase.WASH_OUT
@@ -124,7 +124,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What is found."""
+    """Tremor found."""
 
     tremor = vector("m", "tremor along each axis, a horizon ahead")
 

@@ -52,7 +52,7 @@ class WflcParams(Parameters):
 
 
 class In(Inputs):
-    """What holds the tone."""
+    """Position that holds the tone."""
 
     position = vector("m", "s, prefiltered position", within=1.0)
 

@@ -91,7 +91,7 @@ def predict_covariance(P: Any, w: Any, W: Any, T: float) -> ca.SX:
 
 
 class Correction(NamedTuple):
-    """What a measurement leaves behind.
+    """Result of a correction.
 
     Attributes:
         change: of (dtheta, b), (6,).

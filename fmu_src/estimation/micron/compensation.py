@@ -51,7 +51,7 @@ LEAST_SCALE = 0.1
 LEAST_TEMPERATURE, MOST_TEMPERATURE = -40.0, 125.0
 """Range of the sensors by their data sheet [degC]."""
 REFERENCE_TEMPERATURE = 22.0
-"""Of the room in A04 3.2.1.5 [degC]."""
+"""Temperature of the room in A04 3.2.1.5 [degC]."""
 _TRIOS = ((0, 5, 1), (4, 2, 3))
 """Channels that sense x, y, z: (3.17a), (3.17b)."""
 _THERMAL = 4e-3  # 1/K, keeps 1 + e dt above 0.3 over the sensors' range
@@ -145,7 +145,7 @@ class Magnetometer(Parameters):
 
 
 class Thermometer(Parameters):
-    """What temperature the parameters are of."""
+    """Temperature at which the parameters hold."""
 
     reference = real(
         "degC",
@@ -167,7 +167,7 @@ TEMPERATURE = real(
 
 
 class Alignment(Derived):
-    """What follows from the parameters alone."""
+    """Inverses of the sensing axes, computed from the parameters."""
 
     trio_1 = real(None, "Theta^-1 of a1x, a3y, a1z", shape=(3, 3))
     trio_2 = real(None, "Theta^-1 of a3x, a2y, a2z", shape=(3, 3))

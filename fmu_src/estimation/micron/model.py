@@ -136,7 +136,7 @@ class Params(Parameters):
 
 
 class Gains(Derived):
-    """What follows from the parameters alone."""
+    """Gains and noise, computed from the parameters."""
 
     rate_gain = real("1/m", "from A_D to alpha", shape=(3, 3))
     rate_noise = real("rad2/s2", "Xi_w, covariance of the rate's white part", shape=(3, 3))

@@ -24,7 +24,7 @@ def fade(T: float) -> float:
 
 
 class Turn(NamedTuple):
-    """What the accelerometers say of the rotation.
+    """Rotation by the accelerometers.
 
     Attributes:
         usable: whether the specific forces of this sample are used.
