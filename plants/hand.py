@@ -236,26 +236,22 @@ def derive(p: Params, T: float) -> Rows:
         power = UNIT_VARIANCE * pole(corner) * T
         return 1 / ca.sqrt(power if rate is None else power * rate * T)
 
+    corners = {
+        "intent": p.intent_corner,
+        "correction": p.correction_corner,
+        "drift": p.drift_corner,
+        "jerk": p.jerk_corner,
+        "amplitude": p.tremor_bandwidth,
+        "wander": p.wander_corner,
+        "roll": p.roll_corner,
+    }
+    rates = {"correction": p.correction_rate, "jerk": p.jerk_rate}
     nominal = rotations.multiply(_about(2, p.heading), _about(1, math.pi - p.tilt))
     return Rows(
-        intent=transition(p.intent_corner),
-        correction=transition(p.correction_corner),
-        drift=transition(p.drift_corner),
-        jerk=transition(p.jerk_corner),
-        amplitude=transition(p.tremor_bandwidth),
-        wander=transition(p.wander_corner),
-        roll=transition(p.roll_corner),
+        **{name: transition(corner) for name, corner in corners.items()},
         correction_threshold=-standard_normal(p.correction_rate * T),
         jerk_threshold=-standard_normal(p.jerk_rate * T),
-        drives=Drives(
-            intent=drive(p.intent_corner),
-            correction=drive(p.correction_corner, p.correction_rate),
-            drift=drive(p.drift_corner),
-            jerk=drive(p.jerk_corner, p.jerk_rate),
-            amplitude=drive(p.tremor_bandwidth),
-            wander=drive(p.wander_corner),
-            roll=drive(p.roll_corner),
-        ),
+        drives=Drives(**{n: drive(corner, rates.get(n)) for n, corner in corners.items()}),
         nominal=nominal,
         turned=p.rotation_share / p.pivot_distance * rotations.matrix(nominal).T,
     )

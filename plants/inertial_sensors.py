@@ -84,6 +84,8 @@ ACCELEROMETERS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
 MAGNETOMETERS = ("mx", "my", "mz")
 CHANNELS = ACCELEROMETERS + MAGNETOMETERS
 """Site and axis of each channel (A04 2.3.1)."""
+PLACES = [(int(channel[1]) - 1, "xyz".index(channel[2])) for channel in ACCELEROMETERS]
+"""The same of the accelerometers as numbers, both from 0."""
 MICRO_G = 1e-6 * design.STANDARD_GRAVITY
 GAUSS = 1.0 / design.MAGNETOMETER_SCALE
 """One gauss [T]: the scale of 1 V/gauss, the other way round."""
@@ -397,12 +399,12 @@ def derive(p: Params, T: float) -> Precomputed:
     """Compute what follows from the parameters."""
     accelerometer_rows = [
         sensitivity_row(
-            "xyz".index(channel[2]),
-            p.accelerometer_misalignment[int(channel[1]) - 1, :].T,
+            axis,
+            p.accelerometer_misalignment[site, :].T,
             p.accelerometer_scale_error[i],
             p.accelerometer_cross_axis[i, :],
         ).T
-        for i, channel in enumerate(ACCELEROMETERS)
+        for i, (site, axis) in enumerate(PLACES)
     ]
     magnetometer_rows = [
         sensitivity_row(
@@ -473,11 +475,9 @@ def accelerometers(
     """
     width = STUCK * design.STANDARD_GRAVITY
     felt, sticks = [], []
-    for i, channel in enumerate(ACCELEROMETERS):
-        force, axis = own[int(channel[1]) - 1], "xyz".index(channel[2])
-        (other,) = (
-            "xyz".index(c[2]) for c in ACCELEROMETERS if c[1] == channel[1] and c != channel
-        )
+    for i, (site, axis) in enumerate(PLACES):
+        force = own[site]
+        (other,) = (j for at, j in PLACES if at == site and j != axis)
         x, y, z = (
             force[j] * (1 / design.STANDARD_GRAVITY) for j in (axis, other, 3 - axis - other)
         )
@@ -493,15 +493,10 @@ def accelerometers(
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) -> tuple[X, Out]:
     """Compute one sample. In the first one, filters are settled and noise is stationary."""
-    forces = {"1": u.force1, "2": u.force2, "3": u.force3}
-    linear = ca.vertcat(
-        *(
-            derived.accelerometer_rows[i, :] @ forces[channel[1]]
-            for i, channel in enumerate(ACCELEROMETERS)
-        )
-    )
+    forces, rows = (u.force1, u.force2, u.force3), derived.accelerometer_rows
+    linear = ca.vertcat(*(rows[i, :] @ forces[site] for i, (site, _) in enumerate(PLACES)))
     own = [derived.turn_1 @ u.force1, derived.turn_2 @ u.force2, derived.turn_3 @ u.force3]
-    rest = ca.vertcat(*(own[int(c[1]) - 1]["xyz".index(c[2])] for c in ACCELEROMETERS))
+    rest = ca.vertcat(*(own[site][axis] for site, axis in PLACES))
     felt, stuck = accelerometers(p, derived, linear, own, ca.if_else(x.started, x.stuck, rest))
 
     field = derived.magnetometer_rows @ (u.field + p.soft_iron @ u.field)

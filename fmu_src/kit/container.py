@@ -231,13 +231,7 @@ class Container(Model):
         return self._recorded("start", lambda member: 1, starting=True)
 
     def _recorded(self, name: str, rate: Callable[[Member], int], starting: bool) -> ca.Function:
-        p, d, u, x = (
-            ca.MX.sym(letter, record.size())
-            for letter, record in zip(
-                "pdux", (self.parameters, self.derived, self.inputs, self.state), strict=True
-            )
-        )
-        r = ca.MX.sym("r", self.draws)
+        p, d, u, x, r = self.step_symbols()
         y: list[Any] = []
         following: list[Any] = []
         vectors: dict[str, Any] = {"u": u, "x": x, "y": y}

@@ -135,16 +135,19 @@ class Model:
     def _symbol(self) -> Any:
         return ca.MX if self.matrix else ca.SX
 
+    @property
+    def _records(self) -> tuple[Any, ...]:
+        return self.parameters, self.derived, self.inputs, self.state
+
+    def step_symbols(self) -> list[Any]:
+        """Make symbols of p, d, u, x and r, the arguments of a step."""
+        sizes = [record.size() for record in self._records]
+        return [self._symbol.sym(*each) for each in zip("pduxr", [*sizes, self.draws], strict=True)]
+
     @cached_property
     def step_function(self) -> ca.Function:
         """`(p, d, u, x, r) -> (x', y)`, columns; r are uniform draws in (0, 1)."""
-        p, d, u, x = (
-            self._symbol.sym(letter, record.size())
-            for letter, record in zip(
-                "pdux", (self.parameters, self.derived, self.inputs, self.state), strict=True
-            )
-        )
-        r = self._symbol.sym("r", self.draws)
+        p, d, u, x, r = self.step_symbols()
         extra: dict[str, Any] = {}
         if self.derive is not None:
             extra["derived"] = self.derived.unpack(d)
@@ -174,8 +177,7 @@ class Model:
         if self.answer is None:
             y = self.step_function.call(arguments, True, False)[1]
         else:
-            records = (self.parameters, self.derived, self.inputs, self.state)
-            p, d, u, x = (r.unpack(a) for r, a in zip(records, arguments, strict=False))
+            p, d, u, x = (r.unpack(a) for r, a in zip(self._records, arguments, strict=False))
             y = self.answer(p, u, x, self.sample_period, derived=d).pack()
         dy = ca.densify(ca.jtimes(y, arguments[2], du))
         names = [*"pdux", "r", "du"]

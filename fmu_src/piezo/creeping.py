@@ -25,10 +25,10 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Outputs, State
+from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, real
-from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS
+from fmu_src.kit.records import Derived, real
+from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS, In, Out
 from fmu_src.piezo.prandtl_ishlinskii import NOMINAL, PLAYS, Hysteresis, remember, stops
 
 WIDTHS = 4
@@ -62,24 +62,12 @@ class Creeping(_Starting):
     creep_time = real("s", "tau, times of creep", shape=LAGS, start=CREEP_TIMES, min=1e-3, max=1e5)
 
 
-class In(Inputs):
-    """Drive."""
-
-    volts = real("V", "v, voltage held over the sample", within=500.0)
-
-
 class Memory(State):
     """Memory of a stack."""
 
     plays = real("V", "H, outputs of the plays", shape=PLAYS)
     crept = real("V", "K, outputs of the creep operators", shape=(WIDTHS, LAGS))
     volts = real("V", "voltage of the sample before")
-
-
-class Out(Outputs):
-    """Response."""
-
-    stroke = real("m", "z, stroke at the end of the sample")
 
 
 class Pace(Derived):

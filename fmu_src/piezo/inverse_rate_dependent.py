@@ -24,37 +24,31 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Outputs, Parameters
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, real
+from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.piezo import inverse_prandtl_ishlinskii as inverse
 from fmu_src.piezo import rate_dependent
-from fmu_src.piezo.demand import ahead, horizon, seen
+from fmu_src.piezo.demand import ahead, seen
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range, X
 from fmu_src.piezo.rate_dependent import Limits, RateDependence
 
 
-class Params(Parameters):
+class Params(inverse.Params):
     """The operator to invert, and the amplifier."""
 
     hysteresis: Any = RateDependence
-    amplifier: Any = Range
-    horizon = horizon(0.0)
 
 
-class In(Inputs):
+class In(inverse.In):
     """Stroke wanted, and its rate."""
 
-    stroke = real("m", "z, stroke wanted", within=1e-3)
     rate = real("m/s", "z', its rate where the voltage acts", within=10.0)
     rate_valid = boolean("whether `rate` is given; else it is the demand's", start=False)
 
 
-class Out(Outputs):
+class Out(inverse.Out):
     """Voltage to send, and the rate it is for."""
 
-    volts = real("V", "v, voltage to send")
-    limited = boolean("whether the voltage had to be limited")
     rate_used = real("m/s", "rate that the inverse is for")
     singular = boolean("whether that rate is above the singular one")
 

@@ -29,15 +29,16 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Outputs, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, condition, real
+from fmu_src.kit.records import Derived, boolean, condition, real
+from fmu_src.piezo import prandtl_ishlinskii
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE, invert
 from fmu_src.piezo.prandtl_ishlinskii import (
     NOMINAL,
     PLAYS,
     UNDEFINED,
     Hysteresis,
+    X,
     remember,
     respond,
 )
@@ -86,23 +87,15 @@ class RateDependence(_Starting):
     )
 
 
-class In(Inputs):
+class In(prandtl_ishlinskii.In):
     """Drive, and how fast it moves the stack."""
 
-    volts = real("V", "v, voltage across the stack", within=500.0)
     rate = real("m/s", "z', rate of the stroke", within=10.0)
 
 
-class X(State):
-    """Memory."""
-
-    plays = real("V", "H, outputs of the plays", shape=PLAYS)
-
-
-class Out(Outputs):
+class Out(prandtl_ishlinskii.Out):
     """Response."""
 
-    stroke = real("m", "z, stroke")
     singular = boolean("whether the rate is above the singular one")
 
 

@@ -62,11 +62,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors, zero_phase
-from fmu_src.tremor.ports import HORIZON, In, Out
+from fmu_src.tremor.ports import HORIZON, CountedMotion, In, Out
 
 SAMPLE_PERIOD = 1e-3
 STRIDE = 8
@@ -110,11 +109,9 @@ class Weights(Derived):
     left = real(None, "l, what a sample leaves of the coefficients")
 
 
-class X(State):
+class X(CountedMotion):
     """Memory of the motion, and the coefficients."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=AXES)
     unrest = real("m2", "r, mean square of what is not explained", shape=AXES)
     motion = real("m", "s, newest first", shape=(AXES, HISTORY), listed=False)
     coefficients = real(

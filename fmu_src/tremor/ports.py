@@ -8,7 +8,7 @@
 | y | tremor | tremor at the time t + h |
 """
 
-from fmu_src.kit import Outputs, Parameters
+from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.records import Inputs, boolean, real, vector
 
 WASH_OUT = real(
@@ -22,6 +22,13 @@ class Surroundings(Parameters):
 
     wash_out = WASH_OUT
     horizon = HORIZON
+
+
+class CountedMotion(State):
+    """Memory of a filter whose motion counts from an origin, so that a gap is no step."""
+
+    tracked = boolean("whether the last position could be trusted")
+    origin = real("m", "position from which motion is counted", shape=3)
 
 
 class In(Inputs):

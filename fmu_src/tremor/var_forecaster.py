@@ -55,14 +55,14 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Outputs, State
+from fmu_src.kit import Outputs
 from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real, vector
+from fmu_src.kit.records import Derived, real, vector
 from fmu_src.math import phasors, zero_phase
 from fmu_src.math.pairwise import pairwise_sum
 from fmu_src.tremor import blocks
-from fmu_src.tremor.ports import In
+from fmu_src.tremor.ports import CountedMotion, In
 
 SAMPLE_PERIOD = 1e-3
 STRIDE = 4
@@ -108,11 +108,9 @@ class Params(Learning):
     wash_out: Any = zero_phase.WASH_OUT
 
 
-class X(State):
+class X(CountedMotion):
     """Memory of the motion, and what has been learnt of it."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     seen = real("s", "time that has been learnt from, up to the time of learning")
     count = real(None, "samples since the coefficients were computed", min=0.0, max=EVERY)
     unrest = real("m2", "mean square of second differences", shape=3)

@@ -39,9 +39,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Parameters, State
+from fmu_src.kit import Parameters
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import boolean, real, vector
+from fmu_src.kit.records import real, vector
 from fmu_src.math.elliptic import EllipticState, band_pass
 from fmu_src.tremor import flc, ports, wflc
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In
@@ -60,11 +60,9 @@ class WflcFlcParams(Parameters):
     horizon: Any = HORIZON
 
 
-class WflcFlcState(State):
+class WflcFlcState(ports.CountedMotion):
     """Memories of the filters."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     motion = real("m", "position less origin, held while there is none to trust", shape=3)
     high = real("m", "memory of the high-pass", shape=(HIGH_PASS_ORDER, 3))
     prefilter: Any = EllipticState
