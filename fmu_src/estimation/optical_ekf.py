@@ -52,7 +52,6 @@ class Nominal(State):
 
 
 SPACE = Space(Nominal, "attitude")
-SIZE = SPACE.error_size
 FILTER = Extended(SPACE)
 
 
@@ -164,7 +163,7 @@ def optical_residual(x: Any, u: Any) -> Any:
 
 
 def process_noise(p: Params, T: float) -> Any:
-    """Return what white angular acceleration and bias rate add in a sample, (SIZE, SIZE)."""
+    """Return what white angular acceleration and bias rate add in a sample, (n, n)."""
     s = p.angular_acceleration**2 / 2
     eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
     moved = ca.vertcat(
@@ -176,7 +175,7 @@ def process_noise(p: Params, T: float) -> Any:
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Return state and outputs one sample later."""
     still = ca.DM.zeros(3, 1)  # no accelerometer: a force at rest is no fault
     sample = sources.inertial(x.unit, u.rate, still, u.inertial_valid, p.limits, T)
     usable = ca.logic_and(sample.fresh, ca.logic_not(sample.lost))

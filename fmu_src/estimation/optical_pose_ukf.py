@@ -39,7 +39,8 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.estimation import ports
-from fmu_src.estimation.optical_inertial import LONG, OPEN, POSE, arrived
+from fmu_src.estimation.optical_inertial.model import LONG, OPEN, arrived
+from fmu_src.estimation.optical_inertial.state import POSE
 from fmu_src.filters.error_space import Space
 from fmu_src.filters.error_state import Unscented, chosen, correct_if, deviation
 from fmu_src.kit import Outputs, Parameters, State
@@ -167,7 +168,7 @@ def optical_residual(x: Any, u: Any) -> Any:
 
 
 def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Return state and outputs one sample later."""
     sample = sources.inertial(x.unit, u.rate, u.force, u.inertial_valid, p.limits, T)
     sensed = ca.logic_and(ca.logic_and(sample.fresh, ca.logic_not(sample.lost)), x.started)
     taken, z = arrived(u, x.pose)
