@@ -88,19 +88,22 @@ class Arrival(NamedTuple):
     attitude: Any
 
 
-def measured(name: str, predict: Any, x: Any, turn: Any, z: Any) -> Any:
+def measured(
+    name: str, record: type[State], predict: Callable[..., Any], x: Any, turn: Any, z: Any
+) -> Any:
     """Known numbers of `attitude_residual`, and what the prediction takes besides, (7 + n,).
 
     Args:
         name: of the C function.
-        predict: attitude that is measured, of a state (N,) and further numbers (n,).
-        x: nominal state, (N,).
+        record: of the nominal state.
+        predict: attitude that is measured, of such a record and further numbers (n,).
+        x: nominal state, stacked, (N,).
         turn: these numbers: the turn since the measurement, (n,).
         z: measured attitude, (4,).
     """
 
     def known(x: Any, turn: Any, z: Any) -> Any:
-        expected = predict(x, turn)
+        expected = predict(record.unpack(x), turn)
         return ca.vertcat(shown(expected, z), expected, turn)
 
     return recorded(name, known, x, turn, z)[0]

@@ -195,7 +195,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     def by_tracker(nominal: Any, P: Any, z: Any, past: Any, age: Any, R: Any, gate: Any) -> Any:
         behind = ca.fmax(age - Nominal.unpack(nominal).lag, 0)
         turn = ca.vertcat(sources.since(past, behind, T), behind - age)
-        known = sources.measured("then", _then, nominal, turn, z)
+        known = sources.measured("then", Nominal, then, nominal, turn, z)
         found = FILTER.correct(optical_residual, nominal, known, P, R, gate)
         return found.x, found.P, found.nis
 
@@ -255,10 +255,6 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             innovation_size=3 * counted + 3 * measured,
         ),
     )
-
-
-def _then(x: Any, turn: Any) -> Any:
-    return then(Nominal.unpack(x), turn)
 
 
 MODEL = Model.of_step("OpticalGyroEkf", step, sample_period=1e-3, matrix=True)

@@ -55,14 +55,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Outputs
 from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, real, vector
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors, zero_phase
 from fmu_src.math.pairwise import pairwise_sum
 from fmu_src.tremor import blocks
-from fmu_src.tremor.ports import CountedMotion, In
+from fmu_src.tremor.ports import HORIZON, CountedMotion, In, Out
 
 SAMPLE_PERIOD = 1e-3
 STRIDE = 4
@@ -104,7 +103,7 @@ class Learning(zero_phase.Band):
 class Params(Learning):
     """Band and memory, horizon, and wash-out of the position that comes in."""
 
-    horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
+    horizon: Any = HORIZON
     wash_out: Any = zero_phase.WASH_OUT
 
 
@@ -119,12 +118,6 @@ class X(CountedMotion):
     correlation = real("m2", "R", shape=(OWN + 1, AXES**2), listed=False)
     coefficients = real(None, "A", shape=(SIZE, AXES), listed=False)
     fold = real(None, "forecast, by velocities", shape=(OWN, AXES**2), listed=False)
-
-
-class Out(Outputs):
-    """Tremor found."""
-
-    tremor = vector("m", "tremor along each axis, a horizon ahead")
 
 
 class Weights(Derived):

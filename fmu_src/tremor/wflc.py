@@ -32,7 +32,7 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit import Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, real, vector
 from fmu_src.tremor import flc
@@ -65,10 +65,9 @@ class WflcState(State):
     weights = real("m", "w, Fourier coefficients", shape=(2 * flc.HARMONICS, 3))
 
 
-class Out(Outputs):
-    """The tone."""
+class Out(flc.Out):
+    """The tone, and its frequency."""
 
-    tremor = vector("m", "y, the tone in the position")
     frequency = vector("Hz", "f, its frequency")
 
 

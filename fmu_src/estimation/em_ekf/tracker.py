@@ -46,7 +46,7 @@ def correct_by_tracker(
         nominal: Any, P: Any, z: Any, past: Any, age: Any, f: Any, R: Any, gate: Any
     ) -> tuple[Any, ...]:
         turn = sources.since(past, age, T)
-        known = sources.measured("coils", _coils, nominal, turn, z)
+        known = sources.measured("coils", Nominal, coils, nominal, turn, z)
         found = FILTER.correct(tracker_residual, nominal, known, P, R, gate)
         (level,) = sources.recorded("levelled", levelled, nominal, z, turn, f)
         return found.x, found.P, found.nis, level
@@ -59,7 +59,3 @@ def correct_by_tracker(
     # Where metal bends the tracker's attitude, it mostly bends the vertical, too.
     beyond = ca.logic_and(nis > 3 * e.gate, level)
     return Coils(nominal, P, nis, by_coils, sources.doubted(x.tracked, by_coils, beyond, T))
-
-
-def _coils(x: Any, turn: Any) -> Any:
-    return coils(Nominal.unpack(x), turn)
