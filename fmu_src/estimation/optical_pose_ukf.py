@@ -22,7 +22,7 @@ What differs from the print. E13 turns q by w from the right (3.16), so that w i
 the gyro measures it as it is, though 3.26 turns it once more. 3.28 turns the force by the tracker's
 attitude where there is one; here by that of each sigma point, which has taken it in, and the force
 corrects the attitude, too. The covariance at the start is not that of the tracker throughout, which
-cannot tell v, a and w. Samples come at any rates: an occlusion is H_ots left out.
+cannot tell v, a and w. Samples come at any rates: an occlusion is H_ots left out. E13 has no gate.
 
 There are no biases, no lags and no scale: this filter stands beside `OpticalInertialUkf` to show
 what they are worth. A pose that is late is compared with p - v d and q (x) exp(-w d / 2), d its

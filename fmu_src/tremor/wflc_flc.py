@@ -42,6 +42,7 @@ import numpy as np
 from fmu_src.kit import Parameters
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import real, vector
+from fmu_src.math import phasors
 from fmu_src.math.elliptic import EllipticState, band_pass
 from fmu_src.tremor import flc, ports, wflc
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In
@@ -88,9 +89,7 @@ def estimate(
         x: state.
         T: sample period [s].
     """
-    origin = ca.if_else(x.tracked, x.origin, position - x.motion)
-    motion = ca.if_else(valid, position - origin, x.motion)
-
+    motion, origin = phasors.count(position, valid, x.motion, x)
     prefilter, band = band_pass(motion, x.prefilter, T)
     tuned, regressor = wflc.follow(p.wflc, band, valid, x.wflc, T)
     f = wflc.frequency(p.wflc, tuned)
