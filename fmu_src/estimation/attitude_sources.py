@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from fmu_src.filters.error_state import NOTHING
+from fmu_src.filters.error_state import LEAST_VARIANCE
 from fmu_src.kit import Parameters, State
 from fmu_src.kit.records import real
 from fmu_src.math import rotations
@@ -194,7 +194,7 @@ def arrival(x: Tracked, past: Any, attitude: Any, new: Any, age: Any, T: float) 
 
 def of_unit_length(attitude: Any) -> tuple[Any, Any]:
     """Return whether four numbers pass for an attitude, and their unit quaternion, (4,)."""
-    length = ca.sqrt(ca.sumsqr(attitude) + NOTHING)
+    length = ca.sqrt(ca.sumsqr(attitude) + LEAST_VARIANCE)
     return ca.logic_and(length > 0.9, length < 1.1), attitude / ca.fmax(length, 0.1)
 
 

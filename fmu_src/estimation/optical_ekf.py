@@ -35,7 +35,7 @@ import casadi as ca
 from fmu_src.estimation import attitude_sources as sources
 from fmu_src.estimation import ports
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Extended, chosen, correct_if, deviation
+from fmu_src.filters.error_state import Extended, correct_if, deviation, lazy_update
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
@@ -217,7 +217,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
     P = ca.if_else(first, begun, P)
     R_q = p.optical_sigma**2 * ca.DM.eye(3)
-    nominal, P, optical_nis = chosen(
+    nominal, P, optical_nis = lazy_update(
         arrival.taken, by_tracker, nominal, P, arrival.attitude, past, u.optical_age, R_q, p.gate
     )
     started = ca.logic_or(x.started, first)

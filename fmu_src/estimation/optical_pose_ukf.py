@@ -42,7 +42,7 @@ from fmu_src.estimation import ports
 from fmu_src.estimation.optical_inertial.model import LONG, OPEN, arrived
 from fmu_src.estimation.optical_inertial.state import POSE
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Unscented, chosen, correct_if, deviation
+from fmu_src.filters.error_state import Unscented, correct_if, deviation, lazy_update
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import boolean, quaternion, real, vector
@@ -176,7 +176,7 @@ def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
     def predict(nominal: Any, P: Any, Q: Any) -> tuple[Any, ...]:
         return FILTER.predict(process, nominal, ca.MX(T), P, Q)
 
-    nominal, P = chosen(x.started, predict, x.nominal.pack(), x.P, process_noise(p, T))
+    nominal, P = lazy_update(x.started, predict, x.nominal.pack(), x.P, process_noise(p, T))
     nominal, P, inertial_nis = correct_if(
         *(sensed, FILTER, inertial_residual, nominal, P),
         ca.vertcat(sample.sensed, p.gravity),

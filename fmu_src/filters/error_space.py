@@ -139,7 +139,7 @@ class Space:
         return ca.vertcat(*pieces)
 
 
-class Moved:
+class ProcessEffect:
     """Effect of a process on each field: it moves it, scales its error, or leaves it alone.
 
     Attributes:

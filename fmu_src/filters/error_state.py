@@ -25,8 +25,8 @@ The unscented one draws scaled sigma points (E13 3.31 to 3.33, weights with the 
 takes the mean of what the process makes of them by E13 3.47 to 3.50 - the errors about a mean, the
 mean moved by their mean, again - and draws them anew about the predicted state for a measurement.
 Most errors enter straight, or not at all; what their points would give is known without taking them
-(`_Points`). Cholesky's factor has a zero column where P has no variance: a parameter that is known
-stays known.
+(`_SigmaPoints`). Cholesky's factor has a zero column where P has no variance: a parameter that is
+known stays known.
 
 A residual that the filter does not believe, nu above a gate for each degree of freedom, counts with
 a covariance so much larger that it lies at the gate: it pulls a little, whatever its size, and a
@@ -41,8 +41,8 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.filters.error_space import (
-    Moved,
     Process,
+    ProcessEffect,
     Residual,
     Space,
     at_zero,
@@ -53,7 +53,7 @@ from fmu_src.filters.error_space import (
 
 MEANS = 3
 """Rounds of the mean of rotations; errors of a radian are exact to rounding after three."""
-NOTHING = 1e-40
+LEAST_VARIANCE = 1e-40
 """Variance that is added to every one, for its root to have a derivative where it is zero."""
 BLOCK = 8
 """Columns of Cholesky's factor that are found at once."""
@@ -78,7 +78,7 @@ class Extended:
 
     def predict(self, process: Process, x: Any, u: Any, P: Any, Q: Any) -> tuple[Any, Any]:
         """State and covariance after the process."""
-        part = Moved(self.space, process, u)
+        part = ProcessEffect(self.space, process, u)
         small, center = part.small, part.small.stacked(part.alone)
         F = jacobian_at_zero(small.nearly(center, part.after(part.e)), part.e)
         results = [small.scaled(center), ca.densify(F.T)]
@@ -142,10 +142,10 @@ class Unscented:
         Points go through it for the fields that it moves. Errors of the others are only scaled, and
         so are their covariances, exactly.
         """
-        part = Moved(self.space, process, u)
+        part = ProcessEffect(self.space, process, u)
         small, center = part.small, part.small.stacked(part.alone)
         error = small.error(center, part.after(part.e))
-        points = _Points(error, part.e, P, part.symbols, (x, u))
+        points = _SigmaPoints(error, part.e, P, part.symbols, (x, u))
         images = points.images("through", part.after(points.errors), self.scale)
 
         # Mean of the part that moves; the others' is where the process takes the state itself.
@@ -171,7 +171,7 @@ class Unscented:
         def left(e: Any) -> Any:
             return residual(space.record.unpack(space.moved(point, e)), known)
 
-        points = _Points(left(e), e, P, [point, known], (x, u))
+        points = _SigmaPoints(left(e), e, P, [point, known], (x, u))
         images = points.images("measure", left(points.errors), self.scale)
         r = self._mean(images)
         spread, across = self._covariance(images - ca.repmat(r, 1, images.shape[1]), points)
@@ -187,7 +187,7 @@ class Unscented:
         count = images.shape[1] - 1
         return (1 - count * each) * images[:, 0] + each * ca.sum2(images[:, 1:])
 
-    def _covariance(self, apart: Any, points: "_Points") -> tuple[Any, Any]:
+    def _covariance(self, apart: Any, points: "_SigmaPoints") -> tuple[Any, Any]:
         """Return the covariance of the images, (m, m), and with the errors of the state, (n, m).
 
         Args:
@@ -204,7 +204,7 @@ class Unscented:
         return _symmetric(own), (points.root @ slopes.T)[points.back, :]
 
 
-class _Points:
+class _SigmaPoints:
     """Sigma points of a covariance, as far as a function of the errors needs them.
 
     The order of errors in Cholesky's factor is ours to choose. First come those that bend the
@@ -264,7 +264,7 @@ Filter = Extended | Unscented
 
 def deviation(variance: Any) -> Any:
     """Return the standard deviation, with a derivative everywhere."""
-    return ca.sqrt(ca.fmax(variance, 0) + NOTHING)
+    return ca.sqrt(ca.fmax(variance, 0) + LEAST_VARIANCE)
 
 
 def root(P: Any, count: int) -> Any:
@@ -299,7 +299,9 @@ def _small_root(n: int) -> ca.Function:
     return ca.Function("small_root", [A], [L, inverse], {"cse": True})
 
 
-def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: Any) -> list[Any]:
+def lazy_update(
+    condition: Any, function: Callable[..., tuple[Any, ...]], *values: Any
+) -> list[Any]:
     """`function(*values)` where a condition holds, else its first results as they came.
 
     It is skipped where the condition does not hold. The first values are the ones that it changes;
@@ -352,7 +354,7 @@ def correct_if(
         found = method.correct(residual, x, u, P, R, *gate)
         return found.x, found.P, found.nis
 
-    return chosen(condition, corrected, x, P, u, R, *gate)
+    return lazy_update(condition, corrected, x, P, u, R, *gate)
 
 
 def _moved(space: Space, x: Any, e: Any) -> Any:

@@ -57,7 +57,7 @@ from fmu_src.estimation.em_ekf.north import correct_by_field
 from fmu_src.estimation.em_ekf.prediction import collect, predict
 from fmu_src.estimation.em_ekf.state import SPACE, Nominal, now
 from fmu_src.estimation.em_ekf.tracker import correct_by_tracker
-from fmu_src.filters.error_state import NOTHING
+from fmu_src.filters.error_state import LEAST_VARIANCE
 from fmu_src.kit.model import Model
 from fmu_src.math import rotations
 
@@ -86,7 +86,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     state = Nominal.unpack(coils.nominal)
     rate = d.sample.sensed[:3] - state.rate_bias
     (attitude,) = sources.recorded("now", now, state.attitude, g.turn, rate * p.tracker.lag)
-    variances = ca.fmax(ca.diag(P), 0) + NOTHING
+    variances = ca.fmax(ca.diag(P), 0) + LEAST_VARIANCE
     sigma = {name: ca.sqrt(variances[place]) for name, place in SPACE.places.items()}
     attitude_sigma = ca.sqrt(variances[SPACE.places["attitude"]] + g.variance)
     well_known = ca.mmax(attitude_sigma) < p.attitude_limit

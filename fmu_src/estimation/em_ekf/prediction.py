@@ -8,7 +8,7 @@ from fmu_src.estimation import attitude_sources as sources
 from fmu_src.estimation.em_ekf.interface import Gathered, In, Params, X
 from fmu_src.estimation.em_ekf.state import FILTER, SPACE, Nominal, process
 from fmu_src.filters import triad
-from fmu_src.filters.error_state import chosen
+from fmu_src.filters.error_state import lazy_update
 from fmu_src.math import rotations
 
 AIDING = 1e-9
@@ -143,7 +143,7 @@ def predict(p: Params, x: X, d: Due) -> tuple[Any, Any, Any]:
 
     carried = ca.logic_and(x.started, ca.logic_or(d.due, d.came.taken))
     known = ca.vertcat(g.turn, x.nominal.rate_bias, g.time, left)
-    return *chosen(carried, predicted, nominal, P, known, Q), carried
+    return *lazy_update(carried, predicted, nominal, P, known, Q), carried
 
 
 def begun(p: Params, x: X, z: Any, mean: Any, by_tracker: Any, first: Any) -> tuple[Any, Any]:

@@ -10,7 +10,7 @@ from fmu_src.estimation.em_ekf.interface import In, Params, X
 from fmu_src.estimation.em_ekf.north import Heading
 from fmu_src.estimation.em_ekf.prediction import Due
 from fmu_src.estimation.em_ekf.state import FILTER, Nominal, coils, levelled, tracker_residual
-from fmu_src.filters.error_state import chosen
+from fmu_src.filters.error_state import lazy_update
 
 
 class Coils(NamedTuple):
@@ -53,7 +53,7 @@ def correct_by_tracker(
 
     age = ca.fmax(u.em_age - e.lag, 0)
     attitude, force = d.came.attitude, d.mean[:3]
-    nominal, P, nis, level = chosen(
+    nominal, P, nis, level = lazy_update(
         by_coils, with_tracker, north.nominal, north.P, attitude, d.past, age, force, R_e, e.gate
     )
     # Where metal bends the tracker's attitude, it mostly bends the vertical, too.

@@ -59,7 +59,7 @@ from fmu_src.estimation.optical_inertial.state import (
     way_back,
 )
 from fmu_src.filters.error_space import jacobian_at_zero
-from fmu_src.filters.error_state import Filter, chosen, deviation
+from fmu_src.filters.error_state import Filter, deviation, lazy_update
 from fmu_src.kit.model import Model
 from fmu_src.math import rotations
 
@@ -170,7 +170,7 @@ class _Step:
         Q = ca.diag(process_noise(unit, tracker, sample.lost, change, pending, left))
         known = ca.vertcat(x.unit.sensed, sensed, pending, left)
         going = ca.logic_and(due, x.started)
-        nominal, P = chosen(going, self.predict, x.nominal.pack(), x.P, known, Q)
+        nominal, P = lazy_update(going, self.predict, x.nominal.pack(), x.P, known, Q)
         return Advanced(
             sample,
             nominal,
@@ -190,7 +190,7 @@ class _Step:
         position, attitude = tracker.position_noise, tracker.attitude_noise
         R = ca.diag(ca.vertcat(ca.repmat(position**2, 3, 1), ca.repmat(attitude**2, 3, 1)))
         gate = ca.if_else(x.doubted, OPEN, tracker.gate)
-        nominal, P, nis = chosen(
+        nominal, P, nis = lazy_update(
             usable,
             lambda *values: self.correct(residual, *values),
             *(now.nominal, now.P, past, steps, age, z, R, gate),
@@ -206,7 +206,7 @@ class _Step:
         seen = ca.vertcat(
             u.optical_marker1, u.optical_marker2, u.optical_marker3, u.optical_marker4
         )
-        nominal, P, marker_nis = chosen(
+        nominal, P, marker_nis = lazy_update(
             single,
             lambda *values: self.correct(marker_residual, *values),
             *(nominal, P, past, steps, age),
@@ -216,7 +216,7 @@ class _Step:
         )
 
         first = ca.logic_and(taken, ca.logic_not(x.started))
-        nominal, P = chosen(
+        nominal, P = lazy_update(
             first,
             lambda _nominal, _P, start, variance: (start, ca.diag(variance)),
             *(nominal, P, start_state(p, z), start_variance(p)),
