@@ -1,4 +1,4 @@
-"""Tremor canceller: what the estimator knows in, piezo voltages out (A04 8.2.2).
+"""Tremor canceller: from the estimator's outputs to piezo voltages (A04 8.2.2).
 
     tremor    y_W = filter(tip displacement or forces), a horizon ahead     A04 5.2.1
     demand    d_0 = d_rest - engagement R(q_WB)^T y_W                       frame 0 parallel to B

@@ -1,4 +1,4 @@
-"""Intent and a bank of oscillators in one state-space filter: what of a motion is tremor.
+"""Intent and a bank of oscillators in one state-space filter: the tremor in a motion.
 
     v    = (place, speed, acceleration) of the intent, v' = A v + noise
     z_i  = oscillator of frequency f_i, z_i' = e^((i 2 pi f_i - 1 / tau_m) T) z_i + noise q_i

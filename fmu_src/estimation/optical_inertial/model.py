@@ -1,4 +1,4 @@
-"""Pose from an optical tracker and an inertial unit: the model, and a step of its filter (E13 3).
+"""Pose from an optical tracker and an inertial unit, by either filter (E13 3).
 
 | symbol | meaning |
 | --- | --- |
