@@ -1,4 +1,4 @@
-"""What would run in the instrument, and how a model becomes an FMU."""
+"""Models of the instrument's algorithms, and the way from a model to an FMU."""
 
 __version__ = "0.1.0"
 RELEASED = "2026-11-22T00:00:00Z"

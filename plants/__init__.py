@@ -1,1 +1,1 @@
-"""What the world does: hand, instrument, sensors and actuators, as models of their own."""
+"""Models of the world: hand, instrument, sensors and actuators."""

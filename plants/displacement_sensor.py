@@ -24,15 +24,15 @@ class Params(Parameters):
     """Accuracy of the sensor."""
 
     noise = real("m", "rms of the noise of a sample", start=0.07e-6, min=0.0, max=1e-3)
-    gain_error = real(None, "relative deviation of the gain", start=0.0, min=-0.5, max=0.5)
-    offset = real("m", "reading at zero stroke", start=0.0, min=-1e-2, max=1e-2)
+    gain_error = real(None, "relative deviation of the gain", start=0.0, within=0.5)
+    offset = real("m", "reading at zero stroke", start=0.0, within=1e-2)
     seed = integer("seed of the noise", start=1, min=0, max=2**31 - 1)
 
 
 class In(Inputs):
-    """What is there."""
+    """Stroke of the stack."""
 
-    stroke = real("m", "stroke of the stack", min=-1e-2, max=1e-2)
+    stroke = real("m", "stroke of the stack", within=1e-2)
 
 
 class Resting(State):
@@ -40,7 +40,7 @@ class Resting(State):
 
 
 class Out(Outputs):
-    """What is read."""
+    """Stroke as read."""
 
     measured = real("m", "stroke as read")
 
@@ -50,4 +50,4 @@ def step(p: Params, u: In, x: Resting, T: float, normal: Any) -> tuple[Resting, 
     return x, Out(measured=(1 + p.gain_error) * u.stroke + p.offset + p.noise * normal[0])
 
 
-MODEL = Model("DisplacementSensor", step, Params, In, Resting, Out, sample_period=1e-3, draws=1)
+MODEL = Model.of_step("DisplacementSensor", step, sample_period=1e-3, draws=1)

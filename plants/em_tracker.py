@@ -41,7 +41,7 @@ import numpy as np
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, quaternion, real, vector
 from fmu_src.math import rotations
 from plants import sampling
 
@@ -64,7 +64,7 @@ class Params(Parameters):
     clock_error = sampling.CLOCK_ERROR
     loss = real(None, "share of measurements that is lost at random", start=0.0, min=0.0, max=1.0)
     generator = real(
-        "m", "place g of the field generator in W", shape=3, start=(0.3, 0.0, 0.0), min=-5, max=5
+        "m", "place g of the field generator in W", shape=3, start=(0.3, 0.0, 0.0), within=5
     )
     reach = real("m", "distance from it beyond which nothing is measured", start=0.6, min=0.05)
     jitter_attitude = real(
@@ -80,14 +80,11 @@ class Params(Parameters):
         "places of the pieces in the room, one a row",
         shape=(ROOM, 3),
         start=[[0.13, -0.03, 0.16], [0.06, -0.2, -0.05], [-0.21, 0.11, 0.16]],
-        min=-5.0,
-        max=5.0,
+        within=5.0,
     )
     room_radii = real("m", "their radii", shape=ROOM, start=(0.03, 0.05, 0.035), min=0.0, max=0.5)
-    lever = real("m", "place l of the sensor in B", shape=3, min=-1.0, max=1.0)
-    mounting = real(
-        "rad", "rotation vector of h, from B to the coil frame", shape=3, min=-np.pi, max=np.pi
-    )
+    lever = real("m", "place l of the sensor in B", shape=3, within=1.0)
+    mounting = real("rad", "rotation vector of h, from B to the coil frame", shape=3, within=np.pi)
     registration = sampling.REGISTRATION
     origin = sampling.ORIGIN
 
@@ -97,14 +94,12 @@ class In(Inputs):
 
     body = sampling.BODY
     attitude = sampling.ATTITUDE
-    metal = real(
-        "m", "place of the moved piece in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
-    )
+    metal = vector("m", "place of the moved piece in W", start=5.0, within=10.0)
     lost = boolean("whether measurements are lost")
 
 
 class Precomputed(Derived):
-    """What follows from the share of losses."""
+    """Threshold of a loss, computed from the share of losses."""
 
     loss_draw = real(None, "standard normal draw below which a measurement is lost")
 
@@ -121,17 +116,11 @@ class X(State):
 class Out(Outputs):
     """Pose of the last packet, and what metal adds to it now."""
 
-    em_position = real("m", "sensor in the tracker's frame", shape=3, axes="xyz")
-    em_attitude = real(
-        None,
-        "attitude of the coil frame in the tracker's",
-        shape=4,
-        axes="wxyz",
-        start=(1, 0, 0, 0),
-    )
+    em_position = vector("m", "sensor in the tracker's frame")
+    em_attitude = quaternion("attitude of the coil frame in the tracker's")
     em_new = boolean("a measurement arrives at this instant")
     em_age = real("s", "its age on arrival, by the tracker's clock", min=0.0)
-    distortion = real("rad", "attitude error t_d by metal at this instant, W", shape=3, axes="xyz")
+    distortion = vector("rad", "attitude error t_d by metal at this instant, W")
 
 
 def derive(p: Params, T: float) -> Precomputed:
@@ -208,15 +197,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "EmTracker",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=8,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("EmTracker", step, sample_period=1e-3, draws=8, derive=derive)

@@ -35,7 +35,7 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real, vector
 from plants import sampling
 
 LINE = 32
@@ -45,6 +45,14 @@ SOFT = 0.01
 """Distance at which the field of a magnet stops growing [m]: its size."""
 _PER_STERADIAN = 1e-7
 """Magnetic constant over 4 pi [T.m/A]."""
+
+
+def _bias(unit: str, triad: str, start: Any, within: float) -> Any:
+    return real(unit, f"bias b of the {triad}", shape=3, start=start, within=within)
+
+
+def _matrix(triad: str, start: Any, within: float) -> Any:
+    return real(None, f"M of the {triad}", shape=(3, 3), start=start, within=within)
 
 
 class Params(Parameters):
@@ -58,24 +66,10 @@ class Params(Parameters):
         min=1.0,
         max=1000.0,
     )
-    lever = real(
-        "m", "place l of the unit in B", shape=3, start=(0.0, 0.0, 0.03), min=-1.0, max=1.0
-    )
-    gyro_bias = real(
-        "rad/s",
-        "bias b of the gyros",
-        shape=3,
-        start=np.radians([0.4, -0.3, 0.2]),
-        min=-0.5,
-        max=0.5,
-    )
-    gyro_matrix = real(
-        None,
-        "M of the gyros",
-        shape=(3, 3),
-        start=[[3e-3, 2e-3, -1e-3], [-2e-3, -4e-3, 1.5e-3], [1e-3, -2.5e-3, 2e-3]],
-        min=-0.2,
-        max=0.2,
+    lever = real("m", "place l of the unit in B", shape=3, start=(0.0, 0.0, 0.03), within=1.0)
+    gyro_bias = _bias("rad/s", "gyros", np.radians([0.4, -0.3, 0.2]), within=0.5)
+    gyro_matrix = _matrix(
+        "gyros", [[3e-3, 2e-3, -1e-3], [-2e-3, -4e-3, 1.5e-3], [1e-3, -2.5e-3, 2e-3]], within=0.2
     )
     gyro_noise = real("rad/s/Hz0.5", "N of the gyros", start=np.radians(0.01), min=0.0, max=0.1)
     gyro_walk = real(
@@ -83,21 +77,13 @@ class Params(Parameters):
     )
     gyro_range = real("rad/s", "L of the gyros", start=np.radians(250.0), min=0.1, max=100.0)
     gyro_delay = real("s", "delay of the gyros", start=0.0, min=0.0, max=0.03)
-    accelerometer_bias = real(
-        "m/s2",
-        "bias b of the accelerometers",
-        shape=3,
-        start=np.array([2.0, -1.5, 2.5]) * MILLI_G,
-        min=-5.0,
-        max=5.0,
+    accelerometer_bias = _bias(
+        "m/s2", "accelerometers", np.array([2.0, -1.5, 2.5]) * MILLI_G, within=5.0
     )
-    accelerometer_matrix = real(
-        None,
-        "M of the accelerometers",
-        shape=(3, 3),
-        start=[[1e-3, 1e-3, -0.8e-3], [-0.6e-3, -1.5e-3, 0.9e-3], [1.2e-3, 0.5e-3, 2e-3]],
-        min=-0.2,
-        max=0.2,
+    accelerometer_matrix = _matrix(
+        "accelerometers",
+        [[1e-3, 1e-3, -0.8e-3], [-0.6e-3, -1.5e-3, 0.9e-3], [1.2e-3, 0.5e-3, 2e-3]],
+        within=0.2,
     )
     accelerometer_noise = real(
         "m/s2/Hz0.5", "N of the accelerometers", start=0.3 * MILLI_G, min=0.0, max=1.0
@@ -109,21 +95,13 @@ class Params(Parameters):
         "m/s2", "L of the accelerometers", start=2 * design.STANDARD_GRAVITY, min=1.0, max=1e3
     )
     accelerometer_delay = real("s", "delay of the accelerometers", start=0.0, min=0.0, max=0.03)
-    magnetometer_bias = real(
-        "T",
-        "bias b of the magnetometers, hard iron in it",
-        shape=3,
-        start=(2e-7, -3e-7, 1.5e-7),
-        min=-1e-3,
-        max=1e-3,
+    magnetometer_bias = _bias(
+        "T", "magnetometers, hard iron in it", (2e-7, -3e-7, 1.5e-7), within=1e-3
     )
-    magnetometer_matrix = real(
-        None,
-        "M of the magnetometers, soft iron in it",
-        shape=(3, 3),
-        start=[[4e-3, 2e-3, -2e-3], [2e-3, -3e-3, 1e-3], [-2e-3, 1e-3, 1e-3]],
-        min=-0.5,
-        max=0.5,
+    magnetometer_matrix = _matrix(
+        "magnetometers, soft iron in it",
+        [[4e-3, 2e-3, -2e-3], [2e-3, -3e-3, 1e-3], [-2e-3, 1e-3, 1e-3]],
+        within=0.5,
     )
     magnetometer_noise = real(
         "T/Hz0.5",
@@ -144,8 +122,7 @@ class Params(Parameters):
         "moment of the magnet, W; of a cube of neodymium of 1 cm",
         shape=3,
         start=(0.0, 1.0, 0.0),
-        min=-100.0,
-        max=100.0,
+        within=100.0,
     )
 
 
@@ -155,11 +132,9 @@ class In(Inputs):
     body = sampling.BODY
     body_acceleration = sampling.BODY_ACCELERATION
     attitude = sampling.ATTITUDE
-    body_rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
+    body_rate = vector("rad/s", "body rate in B", within=100.0)
     angular_acceleration = sampling.ANGULAR_ACCELERATION
-    magnet = real(
-        "m", "place of the magnet in W", shape=3, axes="xyz", start=5.0, min=-10.0, max=10.0
-    )
+    magnet = vector("m", "place of the magnet in W", start=5.0, within=10.0)
     lost = boolean("whether the sample is lost: the outputs are held and not valid")
     frozen = boolean("whether the unit repeats its last sample, and calls it valid")
 
@@ -185,9 +160,9 @@ class X(State):
 class Out(Outputs):
     """One sample of all three triads."""
 
-    rate = real("rad/s", "gyros, B", shape=3, axes="xyz")
-    force = real("m/s2", "accelerometers, B", shape=3, axes="xyz")
-    field = real("T", "magnetometers, B", shape=3, axes="xyz")
+    rate = vector("rad/s", "gyros, B")
+    force = vector("m/s2", "accelerometers, B")
+    field = vector("T", "magnetometers, B")
     inertial_valid = boolean(
         "whether a sample comes now: false between those of a slow unit and where one is lost",
         start=True,
@@ -230,31 +205,13 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     past = ca.if_else(x.started, x.line[:, :-1], ca.repmat(now, 1, LINE - 1))
     line = ca.horzcat(now, past)
 
-    triads = (
-        (0, derived.gyro, p.gyro_matrix, p.gyro_bias, p.gyro_noise, p.gyro_walk, p.gyro_range),
-        (
-            3,
-            derived.accelerometer,
-            p.accelerometer_matrix,
-            p.accelerometer_bias,
-            p.accelerometer_noise,
-            p.accelerometer_walk,
-            p.accelerometer_range,
-        ),
-        (
-            6,
-            derived.magnetometer,
-            p.magnetometer_matrix,
-            p.magnetometer_bias,
-            p.magnetometer_noise,
-            p.magnetometer_walk,
-            p.magnetometer_range,
-        ),
-    )
     samples, walks, limits = [], [], []
-    for at, weights, matrix, bias, noise, walk, limit in triads:
+    for at, triad in ((0, "gyro"), (3, "accelerometer"), (6, "magnetometer")):
+        matrix, bias, noise, walk, limit = (
+            getattr(p, f"{triad}_{error}") for error in ("matrix", "bias", "noise", "walk", "range")
+        )
         place = slice(at, at + 3)
-        sensed = (ca.SX.eye(3) + matrix) @ (line[place, :] @ weights)
+        sensed = (ca.SX.eye(3) + matrix) @ (line[place, :] @ getattr(derived, triad))
         walked = x.walk[place] + walk * np.sqrt(T) * normal[9 + at : 12 + at]
         total = sensed + bias + walked + noise * ca.sqrt(p.sample_rate / 2) * normal[place]
         quantum = 2 * limit / 2.0**p.bits
@@ -278,15 +235,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "GyroImu",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=18,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("GyroImu", step, sample_period=1e-3, draws=18, derive=derive)

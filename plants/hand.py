@@ -60,7 +60,7 @@ from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real, vector
 from fmu_src.math import rotations
 
 ORDER = 4
@@ -116,27 +116,23 @@ class Params(Parameters):
     )
     rotation_share = real(None, "c, lateral motion that is rotation", start=0.5, min=0.0, max=1.0)
     tilt = real("rad", "shaft from straight down", start=math.pi / 4, min=0.0, max=math.pi)
-    heading = real("rad", "shaft from magnetic north", start=0.0, min=-math.pi, max=math.pi)
-    tip = real("m", "tip p_B in B", shape=3, start=design.TIP, min=-1.0, max=1.0)
+    heading = real("rad", "shaft from magnetic north", start=0.0, within=math.pi)
+    tip = real("m", "tip p_B in B", shape=3, start=design.TIP, within=1.0)
 
 
 class In(Inputs):
     """A recording, between its samples as well (relative to the tip's place at rest)."""
 
     recorded = boolean("whether the tip moves as recorded")
-    recorded_x = real("m", "tip in W, x", min=-0.1, max=0.1)
-    recorded_y = real("m", "tip in W, y", min=-0.1, max=0.1)
-    recorded_z = real("m", "tip in W, z", min=-0.1, max=0.1)
-    recorded_velocity = real(
-        "m/s", "velocity of the tip in W", shape=3, axes="xyz", min=-10.0, max=10.0
-    )
-    recorded_acceleration = real(
-        "m/s2", "acceleration of the tip in W", shape=3, axes="xyz", min=-1e3, max=1e3
-    )
+    recorded_x = real("m", "tip in W, x", within=0.1)
+    recorded_y = real("m", "tip in W, y", within=0.1)
+    recorded_z = real("m", "tip in W, z", within=0.1)
+    recorded_velocity = vector("m/s", "velocity of the tip in W", within=10.0)
+    recorded_acceleration = vector("m/s2", "acceleration of the tip in W", within=1e3)
 
 
 class Drives(Derived):
-    """What the drive of each filter is scaled with, so that its output has a variance of 1."""
+    """Factors of the filters' drives, for which their outputs have a variance of 1."""
 
     intent = real(None, "slow intent")
     correction = real(None, "corrections, by their rate, too")
@@ -194,14 +190,14 @@ class X(State):
 class Out(Outputs):
     """Motion of the tip, and of the body that makes it."""
 
-    tip = real("m", "uncompensated tip in W", shape=3, axes="xyz")
-    intent = real("m", "wanted part of it", shape=3, axes="xyz")
-    tremor = real("m", "tremor in it", shape=3, axes="xyz")
-    body = real("m", "origin of B in W", shape=3, axes="xyz")
-    body_acceleration = real("m/s2", "acceleration of the origin of B, W", shape=3, axes="xyz")
+    tip = vector("m", "uncompensated tip in W")
+    intent = vector("m", "wanted part of it")
+    tremor = vector("m", "tremor in it")
+    body = vector("m", "origin of B in W")
+    body_acceleration = vector("m/s2", "acceleration of the origin of B, W")
     attitude = real(None, "attitude q_WB", shape=4, axes="wxyz")
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz")
-    angular_acceleration = real("rad/s2", "angular acceleration in B", shape=3, axes="xyz")
+    rate = vector("rad/s", "body rate in B")
+    angular_acceleration = vector("rad/s2", "angular acceleration in B")
 
 
 @dataclass(frozen=True)
@@ -240,26 +236,22 @@ def derive(p: Params, T: float) -> Rows:
         power = UNIT_VARIANCE * pole(corner) * T
         return 1 / ca.sqrt(power if rate is None else power * rate * T)
 
+    corners = {
+        "intent": p.intent_corner,
+        "correction": p.correction_corner,
+        "drift": p.drift_corner,
+        "jerk": p.jerk_corner,
+        "amplitude": p.tremor_bandwidth,
+        "wander": p.wander_corner,
+        "roll": p.roll_corner,
+    }
+    rates = {"correction": p.correction_rate, "jerk": p.jerk_rate}
     nominal = rotations.multiply(_about(2, p.heading), _about(1, math.pi - p.tilt))
     return Rows(
-        intent=transition(p.intent_corner),
-        correction=transition(p.correction_corner),
-        drift=transition(p.drift_corner),
-        jerk=transition(p.jerk_corner),
-        amplitude=transition(p.tremor_bandwidth),
-        wander=transition(p.wander_corner),
-        roll=transition(p.roll_corner),
+        **{name: transition(corner) for name, corner in corners.items()},
         correction_threshold=-standard_normal(p.correction_rate * T),
         jerk_threshold=-standard_normal(p.jerk_rate * T),
-        drives=Drives(
-            intent=drive(p.intent_corner),
-            correction=drive(p.correction_corner, p.correction_rate),
-            drift=drive(p.drift_corner),
-            jerk=drive(p.jerk_corner, p.jerk_rate),
-            amplitude=drive(p.tremor_bandwidth),
-            wander=drive(p.wander_corner),
-            roll=drive(p.roll_corner),
-        ),
+        drives=Drives(**{n: drive(corner, rates.get(n)) for n, corner in corners.items()}),
         nominal=nominal,
         turned=p.rotation_share / p.pivot_distance * rotations.matrix(nominal).T,
     )
@@ -427,15 +419,6 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows, normal: Any) -> tuple[
     )
 
 
-MODEL = Model(
-    "Hand",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=3 * AXIS_DRAWS + COMMON_DRAWS,
-    derived=Rows,
-    derive=derive,
+MODEL = Model.of_step(
+    "Hand", step, sample_period=1e-3, draws=3 * AXIS_DRAWS + COMMON_DRAWS, derive=derive
 )

@@ -77,13 +77,15 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, real, vector
 from fmu_src.math import rotations
 
 ACCELEROMETERS = ("a1x", "a1z", "a2y", "a2z", "a3x", "a3y")
 MAGNETOMETERS = ("mx", "my", "mz")
 CHANNELS = ACCELEROMETERS + MAGNETOMETERS
 """Site and axis of each channel (A04 2.3.1)."""
+PLACES = [(int(channel[1]) - 1, "xyz".index(channel[2])) for channel in ACCELEROMETERS]
+"""The same of the accelerometers as numbers, both from 0."""
 MICRO_G = 1e-6 * design.STANDARD_GRAVITY
 GAUSS = 1.0 / design.MAGNETOMETER_SCALE
 """One gauss [T]: the scale of 1 V/gauss, the other way round."""
@@ -93,11 +95,11 @@ WALK_TURN = 3600.0
 SENSORS = ("1", "2", "3", "m")
 """Chips in the order of what has one value for each: three accelerometers and the magnetometer."""
 ROOM = 22.0
-"""Of A04's experiments (3.2.1.5) [degC]."""
+"""Temperature of A04's experiments (3.2.1.5) [degC]."""
 KNEE, LIFT, STUCK = 0.6, 0.25, 0.3
 """Y, Z, X: widths of bow, droop and loop, by the standard gravity."""
 RESOLUTION = 1 / 16
-"""Of a digital thermometer [K]."""
+"""Resolution of a digital thermometer [K]."""
 _HOUR = 3600.0
 _MAGNETOMETER_NOISE = design.MAGNETOMETER_RESOLUTION / np.sqrt(10.0)
 
@@ -116,24 +118,21 @@ class Params(Parameters):
         "bias b of the accelerometers",
         shape=6,
         start=np.array([900, -1300, -700, 600, 1100, -800]) * MICRO_G,
-        min=-1.0,
-        max=1.0,
+        within=1.0,
     )
     accelerometer_scale_error = real(
         None,
         "relative error e of the accelerometers' scale",
         shape=6,
         start=(1.2e-3, -0.7e-3, 0.4e-3, -1.1e-3, 0.8e-3, -0.3e-3),
-        min=-0.1,
-        max=0.1,
+        within=0.1,
     )
     accelerometer_misalignment = real(
         "rad",
         "rotation of each accelerometer from the axes of B, one site a row",
         shape=(3, 3),
         start=[[1.1e-3, -0.9e-3, 1.6e-3], [-1.4e-3, 0.6e-3, -1.0e-3], [0.7e-3, 1.5e-3, -1.2e-3]],
-        min=-0.2,
-        max=0.2,
+        within=0.2,
     )
     accelerometer_cross_axis = real(
         None,
@@ -147,8 +146,7 @@ class Params(Parameters):
             [1.0e-3, 0.2e-3],
             [-0.5e-3, 0.7e-3],
         ],
-        min=-0.05,
-        max=0.05,
+        within=0.05,
     )
     accelerometer_noise = real(
         "m/s2/Hz0.5",
@@ -183,32 +181,28 @@ class Params(Parameters):
         "bias b of the magnetometer",
         shape=3,
         start=np.array([600e-6, -400e-6, 900e-6]) * GAUSS,
-        min=-1e-4,
-        max=1e-4,
+        within=1e-4,
     )
     magnetometer_scale_error = real(
         None,
         "relative error e of the magnetometer's scale",
         shape=3,
         start=(1.3e-3, -0.9e-3, 0.5e-3),
-        min=-0.1,
-        max=0.1,
+        within=0.1,
     )
     magnetometer_misalignment = real(
         "rad",
         "rotation of the magnetometer from the axes of B",
         shape=3,
         start=(-0.8e-3, 1.3e-3, 1.0e-3),
-        min=-0.2,
-        max=0.2,
+        within=0.2,
     )
     magnetometer_cross_axis = real(
         None,
         "sensitivity of each magnetometer channel to the two other axes, in the order x, y, z",
         shape=(3, 2),
         start=[[0.6e-3, -1.0e-3], [0.8e-3, 0.4e-3], [-0.7e-3, 1.1e-3]],
-        min=-0.05,
-        max=0.05,
+        within=0.05,
     )
     magnetometer_noise = real(
         "T/Hz0.5",
@@ -242,27 +236,23 @@ class Params(Parameters):
         "m/s2",
         "n, bow of each channel at 1 g across it, in the chip's plane and out of it",
         shape=(6, 2),
-        min=-1.0,
-        max=1.0,
+        within=1.0,
     )
     accelerometer_droop = real(
         None, "d, share of the scale that goes at 1 g out of the plane", shape=6, min=0.0, max=0.2
     )
     accelerometer_hardening = real(
-        None, "k, share of the scale that 1 g along the channel adds", shape=6, min=-0.05, max=0.05
+        None, "k, share of the scale that 1 g along the channel adds", shape=6, within=0.05
     )
     accelerometer_hysteresis = real(
         "m/s2", "l, half the height of the loop over the force", shape=6, min=0.0, max=0.5
     )
-    soft_iron = real(
-        None, "J, field in B that iron adds to a field of 1", shape=(3, 3), min=-0.3, max=0.3
-    )
+    soft_iron = real(None, "J, field in B that iron adds to a field of 1", shape=(3, 3), within=0.3)
     cross_field = real(
         "1/T",
         "q, sensitivity of each channel that the field along the next axis takes",
         shape=3,
-        min=-1e3,
-        max=1e3,
+        within=1e3,
     )
     heating = real(
         "K",
@@ -295,34 +285,26 @@ class Params(Parameters):
         "b_t of the accelerometers",
         shape=6,
         start=np.array([120, -90, 150, 60, -130, 100]) * MICRO_G,
-        min=-0.05,
-        max=0.05,
+        within=0.05,
     )
     accelerometer_scale_drift = real(
         "1/K",
         "e_t of the accelerometers",
         shape=6,
         start=(5e-5, -3e-5, 4e-5, 6e-5, -5e-5, 3e-5),
-        min=-2e-3,
-        max=2e-3,
+        within=2e-3,
     )
     magnetometer_bias_drift = real(
         "T/K",
         "b_t of the magnetometer",
         shape=3,
         start=np.array([40e-6, -25e-6, 30e-6]) * GAUSS,
-        min=-1e-6,
-        max=1e-6,
+        within=1e-6,
     )
     magnetometer_scale_drift = real(
-        "1/K",
-        "e_t of the magnetometer",
-        shape=3,
-        start=(-6e-4, -6e-4, -6e-4),
-        min=-5e-3,
-        max=5e-3,
+        "1/K", "e_t of the magnetometer", shape=3, start=(-6e-4, -6e-4, -6e-4), within=5e-3
     )
-    thermometer_offset = real("K", "error of the thermometer", start=0.3, min=-10.0, max=10.0)
+    thermometer_offset = real("K", "error of the thermometer", start=0.3, within=10.0)
     thermometer_lag = real(
         "s", "time constant of the board's warming up", start=0.75 * _HOUR, min=1.0, max=1e5
     )
@@ -332,10 +314,10 @@ class Params(Parameters):
 class In(Inputs):
     """Ideal quantities at the sensors' places."""
 
-    force1 = real("m/s2", "specific force at site 1 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    force2 = real("m/s2", "specific force at site 2 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    force3 = real("m/s2", "specific force at site 3 in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    field = real("T", "magnetic field in B", shape=3, axes="xyz", min=-0.1, max=0.1)
+    force1 = vector("m/s2", "specific force at site 1 in B", within=1e4)
+    force2 = vector("m/s2", "specific force at site 2 in B", within=1e4)
+    force3 = vector("m/s2", "specific force at site 3 in B", within=1e4)
+    field = vector("T", "magnetic field in B", within=0.1)
     ambient = real("degC", "t_a, temperature of the room", start=ROOM, min=-40.0, max=85.0)
 
 
@@ -417,12 +399,12 @@ def derive(p: Params, T: float) -> Precomputed:
     """Compute what follows from the parameters."""
     accelerometer_rows = [
         sensitivity_row(
-            "xyz".index(channel[2]),
-            p.accelerometer_misalignment[int(channel[1]) - 1, :].T,
+            axis,
+            p.accelerometer_misalignment[site, :].T,
             p.accelerometer_scale_error[i],
             p.accelerometer_cross_axis[i, :],
         ).T
-        for i, channel in enumerate(ACCELEROMETERS)
+        for i, (site, axis) in enumerate(PLACES)
     ]
     magnetometer_rows = [
         sensitivity_row(
@@ -493,11 +475,9 @@ def accelerometers(
     """
     width = STUCK * design.STANDARD_GRAVITY
     felt, sticks = [], []
-    for i, channel in enumerate(ACCELEROMETERS):
-        force, axis = own[int(channel[1]) - 1], "xyz".index(channel[2])
-        (other,) = (
-            "xyz".index(c[2]) for c in ACCELEROMETERS if c[1] == channel[1] and c != channel
-        )
+    for i, (site, axis) in enumerate(PLACES):
+        force = own[site]
+        (other,) = (j for at, j in PLACES if at == site and j != axis)
         x, y, z = (
             force[j] * (1 / design.STANDARD_GRAVITY) for j in (axis, other, 3 - axis - other)
         )
@@ -513,15 +493,10 @@ def accelerometers(
 
 def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) -> tuple[X, Out]:
     """Compute one sample. In the first one, filters are settled and noise is stationary."""
-    forces = {"1": u.force1, "2": u.force2, "3": u.force3}
-    linear = ca.vertcat(
-        *(
-            derived.accelerometer_rows[i, :] @ forces[channel[1]]
-            for i, channel in enumerate(ACCELEROMETERS)
-        )
-    )
+    forces, rows = (u.force1, u.force2, u.force3), derived.accelerometer_rows
+    linear = ca.vertcat(*(rows[i, :] @ forces[site] for i, (site, _) in enumerate(PLACES)))
     own = [derived.turn_1 @ u.force1, derived.turn_2 @ u.force2, derived.turn_3 @ u.force3]
-    rest = ca.vertcat(*(own[int(c[1]) - 1]["xyz".index(c[2])] for c in ACCELEROMETERS))
+    rest = ca.vertcat(*(own[site][axis] for site, axis in PLACES))
     felt, stuck = accelerometers(p, derived, linear, own, ca.if_else(x.started, x.stuck, rest))
 
     field = derived.magnetometer_rows @ (u.field + p.soft_iron @ u.field)
@@ -581,15 +556,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "InertialSensors",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=18,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InertialSensors", step, sample_period=1e-3, draws=18, derive=derive)

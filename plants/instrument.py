@@ -46,7 +46,7 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, real
+from fmu_src.kit.records import Derived, Inputs, real, vector
 from fmu_src.math import rotations
 from plants import sampling
 
@@ -64,10 +64,9 @@ class Params(Parameters):
         "places of the accelerometers in B, one site a row",
         shape=(3, 3),
         start=[[design.D1, 0, 0], [0, design.D1, 0], [design.D2, design.D2, design.D3]],
-        min=-1.0,
-        max=1.0,
+        within=1.0,
     )
-    tip = real("m", "tip in B at zero stroke", shape=3, start=design.TIP, min=-1.0, max=1.0)
+    tip = real("m", "tip in B at zero stroke", shape=3, start=design.TIP, within=1.0)
     gravity = sampling.GRAVITY
     field_strength = sampling.FIELD_STRENGTH
     inclination = sampling.INCLINATION
@@ -95,13 +94,13 @@ class In(Inputs):
     body = sampling.BODY
     body_acceleration = sampling.BODY_ACCELERATION
     attitude = sampling.ATTITUDE
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz", min=-100.0, max=100.0)
+    rate = vector("rad/s", "body rate in B", within=100.0)
     angular_acceleration = sampling.ANGULAR_ACCELERATION
     stroke = real("m", "strokes of the stacks, 0 at 0 V", shape=3, min=-20e-6, max=60e-6)
 
 
 class Precomputed(Derived):
-    """What does not move."""
+    """Constants: rest of the shaft, and the earth's field."""
 
     rest = real("m", "P(0), tip of the shaft at zero stroke, base frame of the legs", shape=3)
     field = real("T", "F (cos I, 0, -sin I), the earth's field in W", shape=3)
@@ -112,15 +111,15 @@ class X(State):
 
 
 class Out(Outputs):
-    """What the sensors feel, and where the tip is."""
+    """Quantities at the sensors, and place of the tip."""
 
-    force1 = real("m/s2", "specific force at site 1 in B", shape=3, axes="xyz")
-    force2 = real("m/s2", "specific force at site 2 in B", shape=3, axes="xyz")
-    force3 = real("m/s2", "specific force at site 3 in B", shape=3, axes="xyz")
-    field = real("T", "magnetic field in B", shape=3, axes="xyz")
-    free_tip = real("m", "tip in W as if at zero stroke", shape=3, axes="xyz")
-    tip = real("m", "tip in W", shape=3, axes="xyz")
-    deflection = real("m", "tip in B, from its place at zero stroke", shape=3, axes="xyz")
+    force1 = vector("m/s2", "specific force at site 1 in B")
+    force2 = vector("m/s2", "specific force at site 2 in B")
+    force3 = vector("m/s2", "specific force at site 3 in B")
+    field = vector("T", "magnetic field in B")
+    free_tip = vector("m", "tip in W as if at zero stroke")
+    tip = vector("m", "tip in W")
+    deflection = vector("m", "tip in B, from its place at zero stroke")
 
 
 def derive(p: Params, T: float) -> Precomputed:
@@ -184,14 +183,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     )
 
 
-MODEL = Model(
-    "Instrument",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("Instrument", step, sample_period=1e-3, derive=derive)

@@ -38,7 +38,7 @@ import casadi as ca
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, quaternion, real, vector
 from fmu_src.math import rotations
 from plants import sampling
 
@@ -58,12 +58,7 @@ class Params(Parameters):
     latency_jitter = sampling.LATENCY_JITTER
     clock_error = sampling.CLOCK_ERROR
     markers = real(
-        "m",
-        "places r_i in B, one a row",
-        shape=(MARKERS, 3),
-        start=design.MARKERS,
-        min=-1.0,
-        max=1.0,
+        "m", "places r_i in B, one a row", shape=(MARKERS, 3), start=design.MARKERS, within=1.0
     )
     noise_across = real(
         "m", "noise s_l of a marker across the line of sight", start=5e-5, min=0.0, max=0.01
@@ -71,9 +66,7 @@ class Params(Parameters):
     noise_along = real(
         "m", "noise s_d of a marker along the line of sight", start=1.5e-4, min=0.0, max=0.01
     )
-    camera = real(
-        "m", "place of the camera in W", shape=3, start=(-1.0, -0.6, 1.0), min=-20.0, max=20.0
-    )
+    camera = real("m", "place of the camera in W", shape=3, start=(-1.0, -0.6, 1.0), within=20.0)
     registration = sampling.REGISTRATION
     origin = sampling.ORIGIN
     occlusion_rate = real("Hz", "random occlusions in a second", start=0.0, min=0.0, max=50.0)
@@ -117,17 +110,15 @@ class X(State):
 class Out(Outputs):
     """Pose and markers of the last packet."""
 
-    optical_position = real("m", "origin of B in the tracker's frame", shape=3, axes="xyz")
-    optical_attitude = real(
-        None, "attitude of B in the tracker's frame", shape=4, axes="wxyz", start=(1, 0, 0, 0)
-    )
+    optical_position = vector("m", "origin of B in the tracker's frame")
+    optical_attitude = quaternion("attitude of B in the tracker's frame")
     optical_new = boolean("a pose arrives at this instant")
     optical_age = real("s", "its age on arrival, by the tracker's clock", min=0.0)
     optical_markers_new = boolean("markers arrive at this instant")
-    optical_marker1 = real("m", "marker 1 in the tracker's frame", shape=3, axes="xyz")
-    optical_marker2 = real("m", "marker 2 in the tracker's frame", shape=3, axes="xyz")
-    optical_marker3 = real("m", "marker 3 in the tracker's frame", shape=3, axes="xyz")
-    optical_marker4 = real("m", "marker 4 in the tracker's frame", shape=3, axes="xyz")
+    optical_marker1 = vector("m", "marker 1 in the tracker's frame")
+    optical_marker2 = vector("m", "marker 2 in the tracker's frame")
+    optical_marker3 = vector("m", "marker 3 in the tracker's frame")
+    optical_marker4 = vector("m", "marker 4 in the tracker's frame")
     optical_visible1 = boolean("whether marker 1 is in the last packet")
     optical_visible2 = boolean("whether marker 2 is in the last packet")
     optical_visible3 = boolean("whether marker 3 is in the last packet")
@@ -244,15 +235,6 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed, normal: Any) ->
     )
 
 
-MODEL = Model(
-    "OpticalTracker",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    draws=3 * MARKERS + 2 + MARKERS,
-    derived=Precomputed,
-    derive=derive,
+MODEL = Model.of_step(
+    "OpticalTracker", step, sample_period=1e-3, draws=3 * MARKERS + 2 + MARKERS, derive=derive
 )

@@ -44,7 +44,7 @@ import casadi as ca
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, real
-from fmu_src.math.pairwise import total
+from fmu_src.math.pairwise import pairwise_sum
 
 SUBSTEPS = 2
 LEAST_THRESHOLD = 0.3
@@ -54,12 +54,10 @@ LEAST_THRESHOLD = 0.3
 class Params(Parameters):
     """One stack; numbers of a P-885.50 with its levers, fitted to A04 chapter 7."""
 
-    gain_error = real(
-        None, "relative deviation of this stack's gain s", start=0.0, min=-0.3, max=0.3
-    )
+    gain_error = real(None, "relative deviation of this stack's gain s", start=0.0, within=0.3)
     gain = real("m/V", "stroke per volt s", start=0.20057e-6, min=0.0, max=2e-6)
-    gain_slope = real("1/V", "s_2", start=8e-4, min=-1e-2, max=1e-2)
-    gain_curvature = real("1/V2", "s_3", start=-6e-6, min=-1e-4, max=1e-4)
+    gain_slope = real("1/V", "s_2", start=8e-4, within=1e-2)
+    gain_curvature = real("1/V2", "s_3", start=-6e-6, within=1e-4)
     charging_time = real("s", "time constant tau_v", start=0.2e-3, min=1e-6, max=0.1)
     slip_threshold = real(
         "V", "W_i at the middle voltage", shape=6, start=(3, 8, 15, 23, 32, 42), min=0.0, max=200.0
@@ -186,7 +184,7 @@ def loop(derived: Rows, held: Any, rise: Any, towards: Any) -> Any:
 
 def ceramic(p: Params, derived: Rows, x: X) -> Any:
     """Return the stroke y_i of the ceramic without creep [m]."""
-    strained = x.charge - p.loop_weight * x.loop - total(p.slip_weight * x.slip)
+    strained = x.charge - p.loop_weight * x.loop - pairwise_sum(p.slip_weight * x.slip)
     bend = 1 + strained * (p.gain_slope + p.gain_curvature * strained)
     return derived.gains * strained * bend
 
@@ -214,7 +212,7 @@ def substep(p: Params, volts: Any, towards: Any, x: X, h: float, derived: Rows) 
     creep = aim + (x.creep - aim) * derived.creep
 
     # Forced by a straight run from `start` to `end`, the mode follows it 2 zeta / w late.
-    start, end = before + total(x.creep), after + total(creep)
+    start, end = before + pairwise_sum(x.creep), after + pairwise_sum(creep)
     way = end - start
     slope, late = way * (1 / h), derived.late * way
     free = derived.mode @ ca.vertcat(
@@ -232,14 +230,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Rows) -> tuple[X, Out]:
     return following, Out(stroke=x.stroke)
 
 
-MODEL = Model(
-    "PiezoStack",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-4,
-    derived=Rows,
-    derive=derive,
-)
+MODEL = Model.of_step("PiezoStack", step, sample_period=1e-4, derive=derive)

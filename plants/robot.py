@@ -27,28 +27,25 @@ import casadi as ca
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 JOINTS = 3
 
 
 class Params(Parameters):
-    """Where the wrist is and what it does."""
+    """Place of the wrist, and its programme."""
 
-    pivot = real("m", "place of the joints in W", shape=3, min=-5.0, max=5.0)
-    arm = real("m", "from there to the origin of B, in B", shape=3, min=-2.0, max=2.0)
-    rest = real("rad", "rotation vector of R_0", shape=3, start=0.0, min=-math.pi, max=math.pi)
-    start = real(
-        "rad", "roll, pitch and yaw at the start", shape=3, min=-2 * math.pi, max=2 * math.pi
-    )
+    pivot = real("m", "place of the joints in W", shape=3, within=5.0)
+    arm = real("m", "from there to the origin of B, in B", shape=3, within=2.0)
+    rest = real("rad", "rotation vector of R_0", shape=3, start=0.0, within=math.pi)
+    start = real("rad", "roll, pitch and yaw at the start", shape=3, within=2 * math.pi)
     end = real(
         "rad",
         "roll, pitch and yaw at the end",
         shape=3,
         start=(-math.pi / 3, 0.3, -0.4),
-        min=-2 * math.pi,
-        max=2 * math.pi,
+        within=2 * math.pi,
     )
     move_time = real("s", "t_m of a move", start=6.0, min=0.02, max=1000.0)
     ramp_time = real(
@@ -63,7 +60,7 @@ class In(Inputs):
 
 
 class X(State):
-    """Where in its programme it is."""
+    """Time in the programme."""
 
     time = real("s", "since the cycle began", min=0.0)
 
@@ -71,11 +68,11 @@ class X(State):
 class Out(Outputs):
     """Motion of the body."""
 
-    body = real("m", "origin of B in W", shape=3, axes="xyz")
-    body_acceleration = real("m/s2", "acceleration of the origin of B, W", shape=3, axes="xyz")
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    rate = real("rad/s", "body rate in B", shape=3, axes="xyz")
-    angular_acceleration = real("rad/s2", "angular acceleration in B", shape=3, axes="xyz")
+    body = vector("m", "origin of B in W")
+    body_acceleration = vector("m/s2", "acceleration of the origin of B, W")
+    attitude = quaternion("attitude q_WB")
+    rate = vector("rad/s", "body rate in B")
+    angular_acceleration = vector("rad/s2", "angular acceleration in B")
     moving = real(None, "rate of the way s', over that between the ramps", min=0.0, max=1.0)
 
 
@@ -149,4 +146,4 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
 
 
-MODEL = Model("Robot", step, Params, In, X, Out, sample_period=1e-3)
+MODEL = Model.of_step("Robot", step, sample_period=1e-3)

@@ -19,25 +19,13 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import State
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import integer, real
+from fmu_src.kit.records import integer, quaternion, real, vector
 from fmu_src.math import rotations
 
-BODY = real("m", "origin of B in W", shape=3, axes="xyz", min=-10.0, max=10.0)
-BODY_ACCELERATION = real(
-    "m/s2", "acceleration of the origin of B in W", shape=3, axes="xyz", min=-1e3, max=1e3
-)
-ATTITUDE = real(
-    None,
-    "attitude q_WB; a length other than 1 is scaled away",
-    shape=4,
-    axes="wxyz",
-    start=(1, 0, 0, 0),
-    min=-1.01,
-    max=1.01,
-)
-ANGULAR_ACCELERATION = real(
-    "rad/s2", "angular acceleration in B", shape=3, axes="xyz", min=-1e4, max=1e4
-)
+BODY = vector("m", "origin of B in W", within=10.0)
+BODY_ACCELERATION = vector("m/s2", "acceleration of the origin of B in W", within=1e3)
+ATTITUDE = quaternion("attitude q_WB; a length other than 1 is scaled away", within=1.01)
+ANGULAR_ACCELERATION = vector("rad/s2", "angular acceleration in B", within=1e4)
 """Inputs: motion of a body."""
 GRAVITY = real("m/s2", "gravity g at the site", start=design.SITE_GRAVITY, min=0.0, max=20.0)
 FIELD_STRENGTH = real(
@@ -47,22 +35,15 @@ INCLINATION = real(
     "rad",
     "dip I of the field below the horizon",
     start=design.MAGNETIC_INCLINATION,
-    min=-np.pi / 2,
-    max=np.pi / 2,
+    within=np.pi / 2,
 )
 """Parameters of the site."""
 LATENCY_JITTER = real("s", "rms of what is added to it", start=0.0, min=0.0, max=0.05)
-CLOCK_ERROR = real(
-    "s", "by which the stated age is short of the true one", start=0.0, min=-0.1, max=0.1
-)
+CLOCK_ERROR = real("s", "by which the stated age is short of the true one", start=0.0, within=0.1)
 REGISTRATION = real(
-    "rad",
-    "rotation vector from the axes of W to those of the tracker",
-    shape=3,
-    min=-np.pi,
-    max=np.pi,
+    "rad", "rotation vector from the axes of W to those of the tracker", shape=3, within=np.pi
 )
-ORIGIN = real("m", "origin of the tracker's frame in W", shape=3, min=-20.0, max=20.0)
+ORIGIN = real("m", "origin of the tracker's frame in W", shape=3, within=20.0)
 """Parameters of a tracker: timing and frame."""
 SMALLEST_NORM = 0.01
 """Squared length below which four numbers no longer pass for an attitude."""

@@ -30,7 +30,7 @@ _ROOT_2 = 2.0**0.5
 
 
 class Params(Parameters):
-    """What goes wrong; nothing does at the start values."""
+    """Fault; there is none at the start values."""
 
     gain = real(None, "factor g", start=1.0, tunable=True)
     offset = real(None, "o, added after the gain", start=0.0, tunable=True)
@@ -53,7 +53,7 @@ class In(Inputs):
 
 
 class X(State):
-    """What is held while samples are lost."""
+    """Sample that is held while others are lost."""
 
     held = real(None, "last output")
 
@@ -72,4 +72,4 @@ def step(p: Params, u: In, x: X, T: float, normal: Any) -> tuple[X, Out]:
     return X(held=y), Out(faulty=y)
 
 
-MODEL = Model("SignalFault", step, Params, In, X, Out, sample_period=1e-3, draws=2)
+MODEL = Model.of_step("SignalFault", step, sample_period=1e-3, draws=2)

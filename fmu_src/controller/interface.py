@@ -4,7 +4,7 @@ from typing import Any
 
 from fmu_src.estimation.micron import model as micron
 from fmu_src.kit import Outputs, Parameters, State
-from fmu_src.kit.records import Derived, boolean, integer, real
+from fmu_src.kit.records import Derived, boolean, integer, real, vector
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.piezo import modulated_stops as stops
 from fmu_src.piezo import prandtl_ishlinskii as plays
@@ -14,8 +14,8 @@ from fmu_src.tremor import inertial, var_forecaster, wflc_flc
 
 SAMPLE_PERIOD = 1e-3
 STACK_DELAY = 0.3e-3
-"""Of a stack behind the stroke asked for, where the operator does not hold it [s]: measured, 0.1 ms
-at 3 um and 0.6 ms at 0.35 um."""
+"""Lag of a stack behind the stroke asked for, where the operator does not hold it [s]: measured,
+0.1 ms at 3 um and 0.6 ms at 0.35 um."""
 ESTIMATOR_STARTS = {scalar.name: scalar.start for scalar in micron.Params.scalars()}
 TONES, FORECASTER, INERTIAL, EXTERNAL = 1, 2, 3, 4
 """Choices of the filter."""
@@ -55,14 +55,14 @@ class Params(Parameters):
     )
     amplifier: Any = Range
     initial_volts = real(
-        "V", "voltages of the stacks before the first sample", shape=3, min=-200.0, max=200.0
+        "V", "voltages of the stacks before the first sample", shape=3, within=200.0
     )
     rise_time = real("s", "from there to rest", start=0.5, min=0.01, max=60.0)
     fade_time = real("s", "correction from none to full and back", start=0.5, min=0.01, max=60.0)
 
 
 class Memory(State):
-    """What the stacks remember, by the operators that may be chosen."""
+    """Memories of the stacks, one for each operator that may be chosen."""
 
     plays_1 = real("V", "H of stack 1", shape=plays.PLAYS)
     plays_2 = real("V", "H of stack 2", shape=plays.PLAYS)
@@ -87,21 +87,17 @@ class Operators(Derived):
 
 
 class Precomputed(Operators):
-    """The same, the forecaster's band-pass, and what is known of the accelerometers."""
+    """Operators, the forecaster's band-pass, and constants of the accelerometers."""
 
     band: Any = var_forecaster.Weights
     front: Any = inertial.Front
 
 
 class In(inertial.In):
-    """What the estimator knows."""
+    """Outputs of the estimator, and commands from outside."""
 
-    tip_displacement = real(
-        "m", "estimated displacement of the tip, frame W", shape=3, axes="xyz", min=-1.0, max=1.0
-    )
-    external_tremor = real(
-        "m", "tremor that another filter has found, frame W", shape=3, axes="xyz", min=-1.0, max=1.0
-    )
+    tip_displacement = vector("m", "estimated displacement of the tip, frame W", within=1.0)
+    external_tremor = vector("m", "tremor found by another filter, frame W", within=1.0)
     hold = boolean("whether the tip shall go to rest and stay there", start=False)
 
 
@@ -127,15 +123,15 @@ class Out(Outputs):
     """Drive, and what it is to cancel."""
 
     volts = real("V", "v, voltages of the stacks", shape=3)
-    tremor = real("m", "y_W, tremor of the tip, frame W", shape=3, axes="xyz")
-    frequency = real("Hz", "its frequency along each axis", shape=3, axes="xyz")
+    tremor = vector("m", "y_W, tremor of the tip, frame W")
+    frequency = vector("Hz", "its frequency along each axis")
     engagement = real(None, "share of the correction that acts, 0 to 1")
     saturated = boolean("whether the tip or a voltage had to be limited")
     singular = boolean("whether a stack is to move faster than its operator can be inverted")
 
 
 class Command(Outputs):
-    """What acts: outputs but for the filter's."""
+    """Outputs of the drive, without those of the filter."""
 
     volts = real("V", "v", shape=3)
     engagement = real(None, "share of the correction that acts")

@@ -1,4 +1,4 @@
-"""Tremor canceller: what the estimator knows in, piezo voltages out (A04 8.2.2).
+"""Tremor canceller: from the estimator's outputs to piezo voltages (A04 8.2.2).
 
     tremor    y_W = filter(tip displacement or forces), a horizon ahead     A04 5.2.1
     demand    d_0 = d_rest - engagement R(q_WB)^T y_W                       frame 0 parallel to B
@@ -157,15 +157,15 @@ def last_output(function: ca.Function, *moving: int) -> ca.Function:
     return ca.Function(f"{function.name()}_answer", arguments, [output], options)
 
 
-def answer(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
+def output_function(p: Params, u: In, x: X, T: float, derived: Precomputed) -> Out:
     """Return the outputs of a sample alone."""
     ahead = p.filter.replace(horizon=delay(p)).pack()
     find = last_output(tones(T), 1, 2)
     tone = find(ahead, u.tip_displacement, u.valid, x.filter.pack())
     motion = inertial.motion(x.front, inertial.since(u.force, u.valid, x.front))
     position = ca.if_else(p.tremor_filter == INERTIAL, motion, u.tip_displacement)
-    forecasted = var_forecaster.answer(derived.band, position, u.valid, x.forecaster, T).tremor
-    tremor = chosen_tremor(p, u, tone, forecasted)
+    found = var_forecaster.estimate_outputs(derived.band, position, u.valid, x.forecaster, T)
+    tremor = chosen_tremor(p, u, tone, found.tremor)
     drives = last_output(acting(T), 2, 3)
     command = drives(p.pack(), operators_of(derived), u.pack(), tremor, x.driving.pack())
     return put_out(command, tremor, tone)
@@ -176,16 +176,6 @@ def operators_of(derived: Precomputed) -> Any:
     return derived.pack()[: Operators.size()]
 
 
-MODEL = Model(
-    "TremorCanceller",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Precomputed,
-    derive=derive,
-    matrix=True,
-    answer=answer,
+MODEL = Model.of_step(
+    "TremorCanceller", step, SAMPLE_PERIOD, derive=derive, matrix=True, answer=output_function
 )

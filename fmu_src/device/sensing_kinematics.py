@@ -50,21 +50,21 @@ DENSITY = real(
     max=1.0,
 )
 LAG = real("s", "tau, output filter", start=design.SENSOR_LAG, min=0.0, max=0.1)
-"""Of the accelerometers: noise, and the filter between them and the converter."""
+"""Declarations for the accelerometers: noise, and the filter ahead of the converter."""
 
 
 class Layout(Parameters):
-    """Where the sites and the tip are in B."""
+    """Places of the sites and the tip in B."""
 
     d1 = real("m", "d1, sites 1 and 2 across the axis", start=design.D1, min=1e-3, max=1.0)
     d2 = real("m", "d2, site 3 across the axis", start=design.D2, min=1e-3, max=1.0)
     d3 = real("m", "d3, site 3 along the axis", start=design.D3, min=1e-3, max=1.0)
-    tip = real("m", "tip in B", start=design.TIP, shape=3, min=-1.0, max=1.0)
+    tip = real("m", "tip in B", start=design.TIP, shape=3, within=1.0)
 
 
 @dataclass(frozen=True)
 class Geometry:
-    """Where the sites and the tip are in B, columns of three [m]."""
+    """Places of the sites and the tip in B, columns of three [m]."""
 
     sites: tuple[Any, Any, Any]
     tip: Any

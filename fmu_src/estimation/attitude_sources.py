@@ -1,4 +1,4 @@
-"""What filters with a tracker do with samples before they believe them: faults, and age.
+"""Checks of samples ahead of filters with a tracker: faults, and age.
 
 | symbol | meaning |
 | --- | --- |
@@ -22,7 +22,7 @@ from typing import Any, NamedTuple
 
 import casadi as ca
 
-from fmu_src.filters.error_state import NOTHING
+from fmu_src.filters.error_state import LEAST_VARIANCE
 from fmu_src.kit import Parameters, State
 from fmu_src.kit.records import real
 from fmu_src.math import rotations
@@ -36,7 +36,7 @@ ONE_GAP = 0.2
 
 
 class Limits(Parameters):
-    """What an inertial unit can tell."""
+    """Ranges of an inertial unit."""
 
     rate_range = real("rad/s", "largest rate it tells from more", start=4.36, min=0.1, max=1e3)
     force_range = real(
@@ -48,7 +48,7 @@ class Limits(Parameters):
 
 
 class Unit(State):
-    """What is kept of the inertial samples."""
+    """Memory of the inertial samples."""
 
     sensed = real(None, "last rate and force that came", shape=6)
     pending = real("s", "time since then", min=0.0)
@@ -56,7 +56,7 @@ class Unit(State):
 
 
 class Tracked(State):
-    """What is kept of the tracker, and of the turns since."""
+    """Memory of the tracker's attitudes, and of the turns since."""
 
     last = real(None, "last attitude that came", shape=4)
     quiet = real("s", "time since one was taken", min=0.0)
@@ -71,7 +71,7 @@ class Tracked(State):
 
 
 class Sample(NamedTuple):
-    """What is kept, rate and force, whether they came and are lost, the sample's turn [rad]."""
+    """Next memory, rate and force, whether they came and are lost, the sample's turn [rad]."""
 
     unit: Unit
     sensed: Any
@@ -81,26 +81,29 @@ class Sample(NamedTuple):
 
 
 class Arrival(NamedTuple):
-    """What is kept, whether an attitude is taken, its unit quaternion."""
+    """Next memory, whether an attitude is taken, its unit quaternion."""
 
     tracked: Tracked
     taken: Any
     attitude: Any
 
 
-def measured(name: str, predict: Any, x: Any, turn: Any, z: Any) -> Any:
+def measured(
+    name: str, record: type[State], predict: Callable[..., Any], x: Any, turn: Any, z: Any
+) -> Any:
     """Known numbers of `attitude_residual`, and what the prediction takes besides, (7 + n,).
 
     Args:
         name: of the C function.
-        predict: attitude that is measured, of a state (N,) and further numbers (n,).
-        x: nominal state, (N,).
+        record: of the nominal state.
+        predict: attitude that is measured, of such a record and further numbers (n,).
+        x: nominal state, stacked, (N,).
         turn: these numbers: the turn since the measurement, (n,).
         z: measured attitude, (4,).
     """
 
     def known(x: Any, turn: Any, z: Any) -> Any:
-        expected = predict(x, turn)
+        expected = predict(record.unpack(x), turn)
         return ca.vertcat(shown(expected, z), expected, turn)
 
     return recorded(name, known, x, turn, z)[0]
@@ -191,7 +194,7 @@ def arrival(x: Tracked, past: Any, attitude: Any, new: Any, age: Any, T: float) 
 
 def of_unit_length(attitude: Any) -> tuple[Any, Any]:
     """Return whether four numbers pass for an attitude, and their unit quaternion, (4,)."""
-    length = ca.sqrt(ca.sumsqr(attitude) + NOTHING)
+    length = ca.sqrt(ca.sumsqr(attitude) + LEAST_VARIANCE)
     return ca.logic_and(length > 0.9, length < 1.1), attitude / ca.fmax(length, 0.1)
 
 

@@ -33,25 +33,25 @@ from typing import Any
 import casadi as ca
 
 from fmu_src.estimation import attitude_sources as sources
+from fmu_src.estimation import ports
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Extended, chosen, deviation
+from fmu_src.filters.error_state import Extended, correct_if, deviation, lazy_update
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 
 class Nominal(State):
     """C23 eq. 12."""
 
-    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    attitude = quaternion("q, attitude q_WB")
     rate = real("rad/s", "w in B", shape=3)
     rate_bias = real("rad/s", "b in B", shape=3)
     lag = real("s", "t_g, by which the gyro is behind the tracker's clock")
 
 
 SPACE = Space(Nominal, "attitude")
-SIZE = SPACE.error_size
 FILTER = Extended(SPACE)
 
 
@@ -81,51 +81,21 @@ class Params(Parameters):
         max=1.0,
     )
     bias_sigma = real("rad/s", "of b at the start", start=0.02, min=0.0, max=1.0)
-    lag = real("s", "t_g", start=0.0, min=-0.05, max=0.05)
+    lag = real("s", "t_g", start=0.0, within=0.05)
     lag_sigma = real("s", "of t_g at the start", start=0.0, min=0.0, max=0.1)
     rate_sigma = real("rad/s", "of w at the start", start=1.0, min=1e-6, max=100.0)
-    gate = real(
-        None,
-        "normalised innovation squared for each degree of freedom, beyond which an attitude counts"
-        " less",
-        start=9.0,
-        min=1.0,
-        max=1e6,
-    )
-    astray = real(
-        "s",
-        "for which every attitude is beyond the gate, after which the filter starts anew",
-        start=1.0,
-        min=0.01,
-        max=1e3,
-    )
-    attitude_limit = real(
-        "rad",
-        "standard deviation beyond which the attitude is not valid",
-        start=0.02,
-        min=1e-6,
-        max=4.0,
-    )
-    occlusion_limit = real(
-        "s",
-        "without an attitude, after which the line of sight counts as lost",
-        start=0.1,
-        min=1e-3,
-        max=100.0,
-    )
+    gate = ports.gate("an attitude counts less")
+    astray = ports.astray(1.0)
+    attitude_limit = ports.attitude_limit(0.02)
+    occlusion_limit = ports.patience(0.1)
 
 
 class In(Inputs):
     """Samples of both."""
 
-    rate = real("rad/s", "gyro, B", shape=3, axes="xyz", min=-1e3, max=1e3)
-    inertial_valid = boolean(
-        "the rate is fresh: false between the samples of a slow gyro and where one is lost",
-        start=True,
-    )
-    optical_attitude = real(
-        None, "attitude of B in W", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2.0, max=2.0
-    )
+    rate = ports.RATE
+    inertial_valid = ports.INERTIAL_VALID
+    optical_attitude = ports.tracked_attitude("B in W")
     optical_new = boolean("an attitude arrives at this instant")
     optical_age = real("s", "its age on arrival", start=0.016, min=0.0, max=10.0)
 
@@ -134,7 +104,7 @@ class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal: Any = Nominal
-    P = real(None, "covariance of the error", shape=(SIZE, SIZE), listed=False)
+    P = SPACE.covariance()
     started = boolean("an attitude has come")
     unit: Any = sources.Unit
     tracked: Any = sources.Tracked
@@ -143,21 +113,19 @@ class X(State):
 class Out(Outputs):
     """Attitude and rate, and how far to believe them."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    body_rate = real("rad/s", "body rate w in B", shape=3, axes="xyz")
-    rate_bias = real("rad/s", "bias of the gyro in B", shape=3, axes="xyz")
+    attitude = ports.ATTITUDE
+    body_rate = vector("rad/s", "body rate w in B")
+    rate_bias = vector("rad/s", "bias of the gyro in B")
     valid = boolean("attitude and rate may be used")
-    inertial_lost = boolean("the gyro is missing, frozen or clipped")
+    inertial_lost = ports.INERTIAL_LOST
     optical_lost = boolean("the line of sight is lost")
-    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
-    rate_bias_sigma = real("rad/s", "standard deviation of b in B", shape=3, axes="xyz", min=0.0)
+    attitude_sigma = ports.ATTITUDE_SIGMA
+    body_rate_sigma = vector("rad/s", "standard deviation of w in B", min=0.0)
+    rate_bias_sigma = ports.RATE_BIAS_SIGMA
     lag_seen = real("s", "lag t_g of the gyro")
     lag_seen_sigma = real("s", "standard deviation of t_g", min=0.0)
-    innovation_squared = real(
-        None, "normalised innovation squared of this sample's corrections", min=0.0
-    )
-    innovation_size = real(None, "its degrees of freedom, 0 without a correction", min=0.0)
+    innovation_squared = ports.INNOVATION_SQUARED
+    innovation_size = ports.INNOVATION_SIZE
 
 
 def process(x: Any, u: Any) -> Nominal:
@@ -195,7 +163,7 @@ def optical_residual(x: Any, u: Any) -> Any:
 
 
 def process_noise(p: Params, T: float) -> Any:
-    """Return what white angular acceleration and bias rate add in a sample, (SIZE, SIZE)."""
+    """Return what white angular acceleration and bias rate add in a sample, (n, n)."""
     s = p.angular_acceleration**2 / 2
     eye, none = ca.DM.eye(3), ca.DM.zeros(3, 3)
     moved = ca.vertcat(
@@ -207,7 +175,7 @@ def process_noise(p: Params, T: float) -> Any:
 
 
 def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+    """Return state and outputs one sample later."""
     still = ca.DM.zeros(3, 1)  # no accelerometer: a force at rest is no fault
     sample = sources.inertial(x.unit, u.rate, still, u.inertial_valid, p.limits, T)
     usable = ca.logic_and(sample.fresh, ca.logic_not(sample.lost))
@@ -215,13 +183,9 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     before = x.nominal.pack()
     nominal, P = FILTER.predict(process, before, ca.MX(T), x.P, process_noise(p, T))
 
-    def by_gyro(nominal: Any, P: Any, w: Any, R: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(gyro_residual, nominal, w, P, R)
-        return found.x, found.P, found.squared
-
     R_w = p.rate_noise**2 / (2 * p.rate_interval) * ca.DM.eye(3)
     counted = ca.logic_and(usable, x.started)
-    nominal, P, squared = chosen(counted, by_gyro, nominal, P, sample.sensed[:3], R_w)
+    nominal, P, nis = correct_if(counted, FILTER, gyro_residual, nominal, P, sample.sensed[:3], R_w)
 
     # Before there is an attitude the gyro alone tells the turns.
     w = ca.if_else(x.started, Nominal.unpack(nominal).rate, sample.sensed[:3])
@@ -231,9 +195,9 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     def by_tracker(nominal: Any, P: Any, z: Any, past: Any, age: Any, R: Any, gate: Any) -> Any:
         behind = ca.fmax(age - Nominal.unpack(nominal).lag, 0)
         turn = ca.vertcat(sources.since(past, behind, T), behind - age)
-        known = sources.measured("then", _then, nominal, turn, z)
+        known = sources.measured("then", Nominal, then, nominal, turn, z)
         found = FILTER.correct(optical_residual, nominal, known, P, R, gate)
-        return found.x, found.P, found.squared
+        return found.x, found.P, found.nis
 
     # At the first attitude the gyro tells the rate; what of it is bias shows later.
     begins = ca.logic_or(ca.logic_not(x.started), x.tracked.doubted > p.astray)
@@ -253,11 +217,11 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
     P = ca.if_else(first, begun, P)
     R_q = p.optical_sigma**2 * ca.DM.eye(3)
-    nominal, P, optical_squared = chosen(
+    nominal, P, optical_nis = lazy_update(
         arrival.taken, by_tracker, nominal, P, arrival.attitude, past, u.optical_age, R_q, p.gate
     )
     started = ca.logic_or(x.started, first)
-    beyond = optical_squared > 3 * p.gate
+    beyond = optical_nis > 3 * p.gate
     doubted = sources.doubted(x.tracked, arrival.taken, beyond, T)
     tracked = arrival.tracked.replace(doubted=doubted)
     # Until an attitude has come there is nothing to predict.
@@ -287,14 +251,10 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
             rate_bias_sigma=sigma[6:9],
             lag_seen=state.lag,
             lag_seen_sigma=sigma[9],
-            innovation_squared=ca.fmax(squared + measured * optical_squared, 0),
+            innovation_squared=ca.fmax(nis + measured * optical_nis, 0),
             innovation_size=3 * counted + 3 * measured,
         ),
     )
 
 
-def _then(x: Any, turn: Any) -> Any:
-    return then(Nominal.unpack(x), turn)
-
-
-MODEL = Model("OpticalGyroEkf", step, Params, In, X, Out, sample_period=1e-3, matrix=True)
+MODEL = Model.of_step("OpticalGyroEkf", step, sample_period=1e-3, matrix=True)

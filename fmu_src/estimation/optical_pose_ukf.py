@@ -22,11 +22,11 @@ What differs from the print. E13 turns q by w from the right (3.16), so that w i
 the gyro measures it as it is, though 3.26 turns it once more. 3.28 turns the force by the tracker's
 attitude where there is one; here by that of each sigma point, which has taken it in, and the force
 corrects the attitude, too. The covariance at the start is not that of the tracker throughout, which
-cannot tell v, a and w. Samples come at any rates: an occlusion is H_ots left out.
+cannot tell v, a and w. Samples come at any rates: an occlusion is H_ots left out. E13 has no gate.
 
 There are no biases, no lags and no scale: this filter stands beside `OpticalInertialUkf` to show
 what they are worth. A pose that is late is compared with p - v d and q (x) exp(-w d / 2), d its
-age, and no more. Faults are told as E13 does not: an inertial unit that is silent, frozen or
+age, and no more. Faults are detected, unlike in E13: an inertial unit that is silent, frozen or
 clipped is not taken, nor is a pose that is none or the one before once more.
 """
 
@@ -38,12 +38,14 @@ import numpy as np
 
 from fmu_src.device import design
 from fmu_src.estimation import attitude_sources as sources
-from fmu_src.estimation.optical_inertial import LONG, OPEN, POSE, arrived
+from fmu_src.estimation import ports
+from fmu_src.estimation.optical_inertial.model import LONG, OPEN, arrived
+from fmu_src.estimation.optical_inertial.state import POSE
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Unscented, chosen, deviation
+from fmu_src.filters.error_state import Unscented, correct_if, deviation, lazy_update
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import boolean, quaternion, real, vector
 from fmu_src.math import rotations
 
 INERTIAL = 6
@@ -56,7 +58,7 @@ class Nominal(State):
     position = real("m", "p in W", shape=3)
     velocity = real("m/s", "v in W", shape=3)
     acceleration = real("m/s2", "a in W", shape=3)
-    attitude = real(None, "q, attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    attitude = quaternion("q, attitude q_WB")
     body_rate = real("rad/s", "w in B", shape=3)
 
 
@@ -78,60 +80,22 @@ class Params(Parameters):
     force_noise = real("m/s2", "v_a of an axis, each sample", start=0.05, min=1e-6, max=100.0)
     position_noise = real("m", "v_p of an axis, each pose", start=1e-4, min=1e-7, max=0.1)
     attitude_noise = real("rad", "v_q of an axis, each pose", start=2e-3, min=1e-6, max=1.0)
-    lever = real("m", "l in B", shape=3, min=-2.0, max=2.0)
+    lever = real("m", "l in B", shape=3, within=2.0)
     gravity = real("m/s2", "g", start=design.SITE_GRAVITY, min=1.0, max=20.0)
     velocity_sigma = real("m/s", "of v at the first pose", start=0.3, min=1e-6, max=10.0)
     acceleration_sigma = real("m/s2", "of a at the first pose", start=3.0, min=1e-6, max=100.0)
     rate_sigma = real("rad/s", "of w at the first pose", start=1.0, min=1e-6, max=100.0)
-    gate = real(
-        None,
-        "normalised innovation squared for each degree of freedom, beyond which a pose counts less"
-        " unless the one before was as unlikely; E13 has no gate",
-        start=9.0,
-        min=1.0,
-        max=1e6,
-    )
-    occlusion_limit = real(
-        "s",
-        "without a pose, after which the line of sight counts as lost",
-        start=0.1,
-        min=1e-3,
-        max=100.0,
-    )
-    position_limit = real(
-        "m", "standard deviation beyond which the pose is not valid", start=0.02, min=1e-6, max=10.0
-    )
-    attitude_limit = real(
-        "rad", "standard deviation beyond which the pose is not valid", start=0.1, min=1e-6, max=4.0
-    )
-
-
-class In(Inputs):
-    """Samples of both."""
-
-    rate = real("rad/s", "gyros, B", shape=3, axes="xyz", min=-1e3, max=1e3)
-    force = real("m/s2", "specific force in B", shape=3, axes="xyz", min=-1e4, max=1e4)
-    inertial_valid = boolean(
-        "rate and force are fresh: false between the samples of a slow unit and where one is lost",
-        start=True,
-    )
-    optical_position = real("m", "tracked body in W", shape=3, axes="xyz", min=-1e3, max=1e3)
-    optical_attitude = real(
-        None, "tracked body in W", shape=4, axes="wxyz", start=(1, 0, 0, 0), min=-2.0, max=2.0
-    )
-    optical_new = boolean("a pose arrives at this instant")
-    optical_age = real(
-        "s", "d, its age on arrival; below 0 for a tracker that predicts", min=-0.1, max=10.0
-    )
+    gate = ports.gate("a pose counts less unless the one before was as unlikely")
+    occlusion_limit = ports.patience(0.1)
+    position_limit = ports.POSITION_LIMIT
+    attitude_limit = ports.attitude_limit(0.1)
 
 
 class X(State):
     """Filter, and what is kept of the samples."""
 
     nominal: Any = Nominal
-    P = real(
-        None, "covariance of the error", shape=(SPACE.error_size, SPACE.error_size), listed=False
-    )
+    P = SPACE.covariance()
     started = boolean("a pose has come")
     unit: Any = sources.Unit
     pose = real(None, "last pose that came", shape=7)
@@ -142,27 +106,21 @@ class X(State):
 class Out(Outputs):
     """Pose of the tracked body and its derivatives, and how far to believe them."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    position = real("m", "of the tracked body in W", shape=3, axes="xyz")
-    velocity = real("m/s", "of the tracked body in W", shape=3, axes="xyz")
-    acceleration = real("m/s2", "a, of the inertial unit in W", shape=3, axes="xyz")
-    body_rate = real("rad/s", "w in B", shape=3, axes="xyz")
+    attitude = ports.ATTITUDE
+    position = vector("m", "of the tracked body in W")
+    velocity = vector("m/s", "of the tracked body in W")
+    acceleration = vector("m/s2", "a, of the inertial unit in W")
+    body_rate = vector("rad/s", "w in B")
     valid = boolean("the pose may be used")
-    inertial_lost = boolean("the inertial samples are missing, frozen or clipped")
+    inertial_lost = ports.INERTIAL_LOST
     optical_lost = boolean("no pose could be used of late")
-    attitude_sigma = real("rad", "standard deviation of q in B", shape=3, axes="xyz", min=0.0)
-    position_sigma = real(
-        "m", "standard deviation of the position in W", shape=3, axes="xyz", min=0.0
-    )
-    velocity_sigma = real(
-        "m/s", "standard deviation of the velocity in W", shape=3, axes="xyz", min=0.0
-    )
-    acceleration_sigma = real("m/s2", "standard deviation of a in W", shape=3, axes="xyz", min=0.0)
-    body_rate_sigma = real("rad/s", "standard deviation of w in B", shape=3, axes="xyz", min=0.0)
-    innovation_squared = real(
-        None, "normalised innovation squared of the corrections at this sample", min=0.0
-    )
-    innovation_size = real(None, "their degrees of freedom, 0 without one", min=0.0)
+    attitude_sigma = ports.ATTITUDE_SIGMA
+    position_sigma = ports.POSITION_SIGMA
+    velocity_sigma = ports.VELOCITY_SIGMA
+    acceleration_sigma = vector("m/s2", "standard deviation of a in W", min=0.0)
+    body_rate_sigma = vector("rad/s", "standard deviation of w in B", min=0.0)
+    innovation_squared = ports.INNOVATION_SQUARED
+    innovation_size = ports.INNOVATION_SIZE
 
 
 def process(x: Any, u: Any) -> Nominal:
@@ -209,8 +167,8 @@ def optical_residual(x: Any, u: Any) -> Any:
     return ca.vertcat(u[:3] - position, rotations.to_rotation_vector(turned))
 
 
-def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
-    """One sample."""
+def step(p: Params, u: ports.PoseInputs, x: X, T: float) -> tuple[X, Out]:
+    """Return state and outputs one sample later."""
     sample = sources.inertial(x.unit, u.rate, u.force, u.inertial_valid, p.limits, T)
     sensed = ca.logic_and(ca.logic_and(sample.fresh, ca.logic_not(sample.lost)), x.started)
     taken, z = arrived(u, x.pose)
@@ -218,28 +176,16 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     def predict(nominal: Any, P: Any, Q: Any) -> tuple[Any, ...]:
         return FILTER.predict(process, nominal, ca.MX(T), P, Q)
 
-    def by_unit(nominal: Any, P: Any, z: Any, R: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(inertial_residual, nominal, z, P, R)
-        return found.x, found.P, found.squared
-
-    def by_tracker(nominal: Any, P: Any, z: Any, R: Any, gate: Any) -> tuple[Any, ...]:
-        found = FILTER.correct(optical_residual, nominal, z, P, R, gate)
-        return found.x, found.P, found.squared
-
-    nominal, P = chosen(x.started, predict, x.nominal.pack(), x.P, process_noise(p, T))
-    nominal, P, inertial_squared = chosen(
-        sensed,
-        by_unit,
-        nominal,
-        P,
+    nominal, P = lazy_update(x.started, predict, x.nominal.pack(), x.P, process_noise(p, T))
+    nominal, P, inertial_nis = correct_if(
+        *(sensed, FILTER, inertial_residual, nominal, P),
         ca.vertcat(sample.sensed, p.gravity),
         _twice(p.rate_noise, p.force_noise),
     )
     usable = ca.logic_and(taken, x.started)
-    nominal, P, squared = chosen(
-        usable,
-        by_tracker,
-        *(nominal, P, ca.vertcat(z, u.optical_age, p.lever)),
+    nominal, P, nis = correct_if(
+        *(usable, FILTER, optical_residual, nominal, P),
+        ca.vertcat(z, u.optical_age, p.lever),
         _twice(p.position_noise, p.attitude_noise),
         ca.if_else(x.doubted, OPEN, p.gate),
     )
@@ -267,7 +213,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         started=started,
         unit=sample.unit,
         pose=ca.if_else(u.optical_new, z, x.pose),
-        doubted=ca.if_else(usable, squared > POSE * p.gate, x.doubted),
+        doubted=ca.if_else(usable, nis > POSE * p.gate, x.doubted),
         unseen=ca.fmin(unseen, LONG),
     )
     return following, Out(
@@ -280,7 +226,7 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
         inertial_lost=sample.lost,
         optical_lost=ca.logic_or(unseen > p.occlusion_limit, ca.logic_not(started)),
         **{f"{name}_sigma": value for name, value in part.items()},
-        innovation_squared=ca.fmax(inertial_squared + squared, 0),
+        innovation_squared=ca.fmax(inertial_nis + nis, 0),
         innovation_size=INERTIAL * sensed + POSE * usable,
     )
 
@@ -315,4 +261,4 @@ def _start_variance(p: Params) -> Any:
     )
 
 
-MODEL = Model("OpticalPoseUkf", step, Params, In, X, Out, sample_period=1e-3, matrix=True)
+MODEL = Model.of_step("OpticalPoseUkf", step, sample_period=1e-3, matrix=True)

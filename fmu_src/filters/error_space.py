@@ -1,4 +1,4 @@
-"""What a state that may hold rotations is made of, and how functions depend on its error.
+"""States that may hold rotations, and functions of their error.
 
 | symbol | meaning |
 | --- | --- |
@@ -13,7 +13,7 @@ from typing import Any, NamedTuple
 import casadi as ca
 
 from fmu_src.errors import SteadytipError
-from fmu_src.kit.records import Field, Record
+from fmu_src.kit.records import Field, Record, real
 from fmu_src.math import rotations
 
 Process = Callable[[Any, Any], Record]
@@ -21,7 +21,7 @@ Residual = Callable[[Any, Any], Any]
 
 
 class ErrorPart(NamedTuple):
-    """Where a field stands in the state and in its error, and whether it is a rotation."""
+    """Place of a field in the state and in its error; `turns` for a rotation."""
 
     whole: slice
     error: slice
@@ -29,7 +29,7 @@ class ErrorPart(NamedTuple):
 
 
 class Space:
-    """What a nominal state is made of, and how errors move it.
+    """Fields of a nominal state, and errors that move it.
 
     Args:
         record: of the state; its fields are stacked in their order.
@@ -57,6 +57,11 @@ class Space:
     def places(self) -> dict[str, slice]:
         """Place of each field's error."""
         return {name: part.error for name, part in self.parts.items()}
+
+    def covariance(self) -> Any:
+        """Declare the covariance of the error, for the record of a model's state."""
+        shape = (self.error_size, self.error_size)
+        return real(None, "covariance of the error", shape=shape, listed=False)
 
     def only(self, fields: Collection[str]) -> "Space":
         """Space of some of the fields."""
@@ -134,8 +139,8 @@ class Space:
         return ca.vertcat(*pieces)
 
 
-class Moved:
-    """What a process does to each field: moves it, scales its error, or leaves it alone.
+class ProcessEffect:
+    """Effect of a process on each field: it moves it, scales its error, or leaves it alone.
 
     Attributes:
         symbols: x (N,) and u, what `alone` is made of.
@@ -214,7 +219,7 @@ class Moved:
         return ca.vertcat(*after), P
 
 
-def slope(expression: Any, e: Any) -> Any:
+def jacobian_at_zero(expression: Any, e: Any) -> Any:
     """Jacobian of an expression by an error e, at zero error."""
     return at_zero(ca.jacobian(expression, e), e)
 
@@ -224,7 +229,7 @@ def at_zero(expression: Any, e: Any) -> Any:
     return ca.simplify(ca.substitute(expression, e, ca.DM.zeros(*e.shape)))
 
 
-def bends(J: Any, e: Any) -> tuple[list[int], list[int]]:
+def nonlinear_errors(J: Any, e: Any) -> tuple[list[int], list[int]]:
     """Find the errors that bend a function of the Jacobian J, and the others it depends on.
 
     While the first ones are zero, the function is straight in the second. It may have kinks, but no

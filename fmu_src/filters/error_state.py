@@ -9,7 +9,7 @@
 | f, Q | process x' = f(x, u) and the covariance it adds |
 | r(x, u) | residual: what was measured minus what x predicts, (m,) |
 | R, S | covariance of the measurement, of the residual |
-| nu | normalised innovation squared r^T S^-1 r, chi-squared with m degrees of freedom |
+| nu, nis | normalised innovation squared r^T S^-1 r, chi-squared with m degrees of freedom |
 
 Both filters have the same two steps, `predict` and `correct`, with the same arguments, so that a
 model is written once and chooses. `process` and `residual` are functions of the nominal record and
@@ -25,12 +25,12 @@ The unscented one draws scaled sigma points (E13 3.31 to 3.33, weights with the 
 takes the mean of what the process makes of them by E13 3.47 to 3.50 - the errors about a mean, the
 mean moved by their mean, again - and draws them anew about the predicted state for a measurement.
 Most errors enter straight, or not at all; what their points would give is known without taking them
-(`_Points`). Cholesky's factor has a zero column where P has no variance: a parameter that is known
-stays known.
+(`_SigmaPoints`). Cholesky's factor has a zero column where P has no variance: a parameter that is
+known stays known.
 
 A residual that the filter does not believe, nu above a gate for each degree of freedom, counts with
 a covariance so much larger that it lies at the gate: it pulls a little, whatever its size, and a
-filter that has gone astray finds back. nu as given out is that before widening.
+filter that has gone astray finds back. nu as given out is that before this robust inflation.
 """
 
 from collections.abc import Callable
@@ -41,19 +41,19 @@ import casadi as ca
 import numpy as np
 
 from fmu_src.filters.error_space import (
-    Moved,
     Process,
+    ProcessEffect,
     Residual,
     Space,
     at_zero,
-    bends,
-    slope,
+    jacobian_at_zero,
+    nonlinear_errors,
     variables,
 )
 
 MEANS = 3
 """Rounds of the mean of rotations; errors of a radian are exact to rounding after three."""
-NOTHING = 1e-40
+LEAST_VARIANCE = 1e-40
 """Variance that is added to every one, for its root to have a derivative where it is zero."""
 BLOCK = 8
 """Columns of Cholesky's factor that are found at once."""
@@ -62,12 +62,12 @@ SMALLEST = 1e-30
 
 
 class Corrected(NamedTuple):
-    """What a measurement leaves: state, covariance, residual (m,), nu."""
+    """Result of a correction: state, covariance, residual (m,), nu."""
 
     x: Any
     P: Any
     residual: Any
-    squared: Any
+    nis: Any
 
 
 class Extended:
@@ -78,9 +78,9 @@ class Extended:
 
     def predict(self, process: Process, x: Any, u: Any, P: Any, Q: Any) -> tuple[Any, Any]:
         """State and covariance after the process."""
-        part = Moved(self.space, process, u)
+        part = ProcessEffect(self.space, process, u)
         small, center = part.small, part.small.stacked(part.alone)
-        F = slope(small.nearly(center, part.after(part.e)), part.e)
+        F = jacobian_at_zero(small.nearly(center, part.after(part.e)), part.e)
         results = [small.scaled(center), ca.densify(F.T)]
         center, F = ca.Function("transition", part.symbols, results, {"cse": True})(x, u)
         across = P @ F
@@ -98,24 +98,24 @@ class Extended:
             u: known numbers, the measurement among them.
             P: covariance of the error.
             R: covariance of the measurement, (m, m).
-            gate: nu for each degree of freedom, beyond which R is widened.
+            gate: nu for each degree of freedom, beyond which R is inflated.
         """
         space = self.space
         point, known, e = variables(space, u)
         r = residual(space.record.unpack(space.moved(point, e)), known)
-        H = -slope(r, e)
+        H = -jacobian_at_zero(r, e)
         found = [at_zero(r, e), H]
         function = ca.Function("measure", [point, known], found, {"cse": True})
         r, H = function(x, u)
         gain = H @ P
         S = gain @ H.T + R
-        solved, squared = _solved(S, gain, r)
-        extra = _widening(squared, r, gate)
+        solved, nis = _solved(S, gain, r)
+        extra = _robust_inflation(nis, r, gate)
         K = solved.T / (1 + extra)
         R = R + extra * S
         P = P - K @ gain
         P = P - (P @ H.T) @ K.T + K @ R @ K.T
-        return Corrected(_moved(space, x, K @ r), _symmetric(P), r, squared)
+        return Corrected(_moved(space, x, K @ r), _symmetric(P), r, nis)
 
 
 class Unscented:
@@ -142,10 +142,10 @@ class Unscented:
         Points go through it for the fields that it moves. Errors of the others are only scaled, and
         so are their covariances, exactly.
         """
-        part = Moved(self.space, process, u)
+        part = ProcessEffect(self.space, process, u)
         small, center = part.small, part.small.stacked(part.alone)
         error = small.error(center, part.after(part.e))
-        points = _Points(error, part.e, P, part.symbols, (x, u))
+        points = _SigmaPoints(error, part.e, P, part.symbols, (x, u))
         images = points.images("through", part.after(points.errors), self.scale)
 
         # Mean of the part that moves; the others' is where the process takes the state itself.
@@ -171,15 +171,15 @@ class Unscented:
         def left(e: Any) -> Any:
             return residual(space.record.unpack(space.moved(point, e)), known)
 
-        points = _Points(left(e), e, P, [point, known], (x, u))
+        points = _SigmaPoints(left(e), e, P, [point, known], (x, u))
         images = points.images("measure", left(points.errors), self.scale)
         r = self._mean(images)
         spread, across = self._covariance(images - ca.repmat(r, 1, images.shape[1]), points)
         S = spread + R
-        solved, squared = _solved(S, -across.T, r)
-        wider = 1 + _widening(squared, r, gate)
+        solved, nis = _solved(S, -across.T, r)
+        wider = 1 + _robust_inflation(nis, r, gate)
         S, K = wider * S, solved.T / wider
-        return Corrected(_moved(space, x, K @ r), _symmetric(P - K @ S @ K.T), r, squared)
+        return Corrected(_moved(space, x, K @ r), _symmetric(P - K @ S @ K.T), r, nis)
 
     def _mean(self, images: Any) -> Any:
         """Return the mean of all points, from the images of those that were taken, (m, 1)."""
@@ -187,7 +187,7 @@ class Unscented:
         count = images.shape[1] - 1
         return (1 - count * each) * images[:, 0] + each * ca.sum2(images[:, 1:])
 
-    def _covariance(self, apart: Any, points: "_Points") -> tuple[Any, Any]:
+    def _covariance(self, apart: Any, points: "_SigmaPoints") -> tuple[Any, Any]:
         """Return the covariance of the images, (m, m), and with the errors of the state, (n, m).
 
         Args:
@@ -204,7 +204,7 @@ class Unscented:
         return _symmetric(own), (points.root @ slopes.T)[points.back, :]
 
 
-class _Points:
+class _SigmaPoints:
     """Sigma points of a covariance, as far as a function of the errors needs them.
 
     The order of errors in Cholesky's factor is ours to choose. First come those that bend the
@@ -231,7 +231,7 @@ class _Points:
             arguments: the same in the filter.
         """
         J = ca.jacobian(value, e)
-        bent, straight = bends(J, e)
+        bent, straight = nonlinear_errors(J, e)
         acting = bent + straight
         order = acting + [i for i in range(e.numel()) if i not in acting]
         self.back = list(np.argsort(order))
@@ -264,7 +264,7 @@ Filter = Extended | Unscented
 
 def deviation(variance: Any) -> Any:
     """Return the standard deviation, with a derivative everywhere."""
-    return ca.sqrt(ca.fmax(variance, 0) + NOTHING)
+    return ca.sqrt(ca.fmax(variance, 0) + LEAST_VARIANCE)
 
 
 def root(P: Any, count: int) -> Any:
@@ -299,7 +299,9 @@ def _small_root(n: int) -> ca.Function:
     return ca.Function("small_root", [A], [L, inverse], {"cse": True})
 
 
-def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: Any) -> list[Any]:
+def lazy_update(
+    condition: Any, function: Callable[..., tuple[Any, ...]], *values: Any
+) -> list[Any]:
     """`function(*values)` where a condition holds, else its first results as they came.
 
     It is skipped where the condition does not hold. The first values are the ones that it changes;
@@ -329,6 +331,32 @@ def chosen(condition: Any, function: Callable[..., tuple[Any, ...]], *values: An
     return list(switch.call([ca.MX(condition), *map(ca.MX, values)], False, True))
 
 
+def correct_if(
+    condition: Any, method: Filter, residual: Residual, x: Any, P: Any, u: Any, R: Any, *gate: Any
+) -> list[Any]:
+    """Take in a measurement where a condition holds; elsewhere its work is skipped.
+
+    Args:
+        condition: scalar.
+        method: filter to correct by.
+        residual: measured minus predicted, (m,).
+        x: nominal state.
+        P: covariance of the error.
+        u: known numbers, the measurement among them.
+        R: covariance of the measurement, (m, m).
+        gate: nu for each degree of freedom, beyond which R is inflated; none without it.
+
+    Returns:
+        State, covariance, and nu, which is 0 where nothing is taken in.
+    """
+
+    def corrected(x: Any, P: Any, u: Any, R: Any, *gate: Any) -> tuple[Any, Any, Any]:
+        found = method.correct(residual, x, u, P, R, *gate)
+        return found.x, found.P, found.nis
+
+    return lazy_update(condition, corrected, x, P, u, R, *gate)
+
+
 def _moved(space: Space, x: Any, e: Any) -> Any:
     point, error = ca.SX.sym("x", space.size), ca.SX.sym("e", space.error_size)
     moved = space.scaled(space.moved(point, error))
@@ -353,6 +381,6 @@ def _solved(S: Any, gain: Any, r: Any) -> tuple[Any, Any]:
     return found[:, :-1], ca.dot(r, found[:, -1])
 
 
-def _widening(squared: Any, r: Any, gate: Any) -> Any:
+def _robust_inflation(nis: Any, r: Any, gate: Any) -> Any:
     """By how much S grows, so that r lies at the gate: 0 inside it."""
-    return ca.fmax(squared / (r.shape[0] * gate) - 1, 0)
+    return ca.fmax(nis / (r.shape[0] * gate) - 1, 0)

@@ -75,7 +75,7 @@ class MemberLink:
 
 @dataclass(frozen=True)
 class Source:
-    """Where an input of a member takes its value from.
+    """Source of the value of a member's input.
 
     Attributes:
         record: `u`, an input of the container; `y`, an output of this tick; `x`, one of an earlier.
@@ -90,7 +90,7 @@ class Source:
 
 @dataclass(frozen=True)
 class Slices:
-    """Where a member's variables lie in the container's vectors."""
+    """Places of a member's variables in the container's vectors."""
 
     p: slice
     d: slice
@@ -134,12 +134,12 @@ class Container(Model):
         )
 
     @property
-    def streams(self) -> list[tuple[int, int]]:
-        """See `Model.streams`; a member's stream is that of its own seed."""
+    def noise_streams(self) -> list[tuple[int, int]]:
+        """See `Model.noise_streams`; a member's stream is that of its own seed."""
         return [
             (at.p.start + seed, count * self.rate(member))
             for member, at in zip(self.members, self.slices, strict=True)
-            for seed, count in member.model.streams
+            for seed, count in member.model.noise_streams
         ]
 
     def rate(self, member: Member) -> int:
@@ -153,8 +153,8 @@ class Container(Model):
         return delayed or any(self.rate(member) > 1 for member in self.members)
 
     @property
-    def latches(self) -> list[tuple[int, int]]:
-        """See `Model.latches`: what is delayed is, at first, what initialisation shows."""
+    def initial_latches(self) -> list[tuple[int, int]]:
+        """See `Model.initial_latches`: what is delayed is, at first, what initialisation shows."""
         return [
             (place, first + tick)
             for place, first, ticks in self.lines.values()
@@ -231,13 +231,7 @@ class Container(Model):
         return self._recorded("start", lambda member: 1, starting=True)
 
     def _recorded(self, name: str, rate: Callable[[Member], int], starting: bool) -> ca.Function:
-        p, d, u, x = (
-            ca.MX.sym(letter, record.size())
-            for letter, record in zip(
-                "pdux", (self.parameters, self.derived, self.inputs, self.state), strict=True
-            )
-        )
-        r = ca.MX.sym("r", self.draws)
+        p, d, u, x, r = self.step_symbols()
         y: list[Any] = []
         following: list[Any] = []
         vectors: dict[str, Any] = {"u": u, "x": x, "y": y}

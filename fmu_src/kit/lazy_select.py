@@ -10,7 +10,7 @@ from typing import Any
 import casadi as ca
 
 
-def either(
+def lazy_select(
     name: str,
     condition: Any,
     taken: Callable[..., list[Any]],

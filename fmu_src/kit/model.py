@@ -12,10 +12,11 @@ import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
+from typing import Any, Self, get_args, get_type_hints
 
 import casadi as ca
 
+from fmu_src.errors import SteadytipError
 from fmu_src.kit.noise import standard_normal
 from fmu_src.kit.records import Derived, Inputs, Outputs, Parameters, Scalar, State
 
@@ -67,6 +68,36 @@ class Model:
     answer: Callable[..., Outputs] | None = None
     derivatives: bool = True
 
+    @classmethod
+    def of_step(
+        cls, name: str, step: Callable[..., Any], sample_period: float, **options: Any
+    ) -> Self:
+        """Return a model whose records are those in the signature of its step.
+
+        Args:
+            name: FMU and model identifier.
+            step: `step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]`, with `derived: Derived`
+                as well where there is a `derive`.
+            sample_period: T [s].
+            options: further arguments of `Model`.
+
+        Raises:
+            SteadytipError: the signature does not name all records.
+        """
+        hints = get_type_hints(step)
+        missing = [part for part in ("p", "u", "x", "return") if part not in hints]
+        if missing:
+            raise SteadytipError(
+                f"model '{name}': annotate {', '.join(missing)} of its step with the records, or"
+                " name them with Model(...)"
+            )
+        parameters, inputs = hints["p"], hints["u"]
+        derived = hints.get("derived", NoDerived)
+        state, outputs = get_args(hints["return"])
+        return cls(
+            name, step, parameters, inputs, state, outputs, sample_period, derived, **options
+        )
+
     @property
     def documentation(self) -> str:
         """Docstring of the module that defines the step: equations and notation."""
@@ -88,12 +119,12 @@ class Model:
         return False
 
     @property
-    def latches(self) -> list[tuple[int, int]]:
+    def initial_latches(self) -> list[tuple[int, int]]:
         """Places of outputs and of the states that take their values when initialisation ends."""
         return []
 
     @property
-    def streams(self) -> list[tuple[int, int]]:
+    def noise_streams(self) -> list[tuple[int, int]]:
         """Noise draws of a sample: place of the seed among parameters, how many."""
         if not self.draws:
             return []
@@ -104,16 +135,19 @@ class Model:
     def _symbol(self) -> Any:
         return ca.MX if self.matrix else ca.SX
 
+    @property
+    def _records(self) -> tuple[Any, ...]:
+        return self.parameters, self.derived, self.inputs, self.state
+
+    def step_symbols(self) -> list[Any]:
+        """Make symbols of p, d, u, x and r, the arguments of a step."""
+        sizes = [record.size() for record in self._records]
+        return [self._symbol.sym(*each) for each in zip("pduxr", [*sizes, self.draws], strict=True)]
+
     @cached_property
     def step_function(self) -> ca.Function:
         """`(p, d, u, x, r) -> (x', y)`, columns; r are uniform draws in (0, 1)."""
-        p, d, u, x = (
-            self._symbol.sym(letter, record.size())
-            for letter, record in zip(
-                "pdux", (self.parameters, self.derived, self.inputs, self.state), strict=True
-            )
-        )
-        r = self._symbol.sym("r", self.draws)
+        p, d, u, x, r = self.step_symbols()
         extra: dict[str, Any] = {}
         if self.derive is not None:
             extra["derived"] = self.derived.unpack(d)
@@ -136,15 +170,14 @@ class Model:
         return self.step_function
 
     @cached_property
-    def slope_function(self) -> ca.Function:
+    def directional_derivative(self) -> ca.Function:
         """`(p, d, u, x, r, du) -> dy`: how outputs of a sample answer a change of its inputs."""
         arguments = symbols_in(self.step_function)
         du = self._symbol.sym("du", self.inputs.size())
         if self.answer is None:
             y = self.step_function.call(arguments, True, False)[1]
         else:
-            records = (self.parameters, self.derived, self.inputs, self.state)
-            p, d, u, x = (r.unpack(a) for r, a in zip(records, arguments, strict=False))
+            p, d, u, x = (r.unpack(a) for r, a in zip(self._records, arguments, strict=False))
             y = self.answer(p, u, x, self.sample_period, derived=d).pack()
         dy = ca.densify(ca.jtimes(y, arguments[2], du))
         names = [*"pdux", "r", "du"]

@@ -39,11 +39,11 @@ class Field:
     max: float
     shape: tuple[int, ...]
     axes: tuple[str, ...] | None
-    tunable: bool
+    tunable: bool = False
     listed: bool = True
-    """Whether a description names it; memory by the hundred is better left out."""
+    """False for memory by the hundred, which descriptions leave out."""
     warning: str = ""
-    """What is wrong where a condition is false; empty for all other variables."""
+    """Message where a condition is false; empty for all other variables."""
 
     @property
     def size(self) -> int:
@@ -67,6 +67,7 @@ def real(
     start: float | Sequence[Any] | np.ndarray = 0.0,
     min: float = -math.inf,
     max: float = math.inf,
+    within: float | None = None,
     shape: int | tuple[int, ...] = (),
     axes: str | Sequence[str] | None = None,
     tunable: bool = False,
@@ -80,6 +81,7 @@ def real(
         start: one value for all elements, or one for each, in the order of the shape.
         min: smallest value allowed, for every element.
         max: largest value allowed.
+        within: largest size of either sign, in place of `min` and `max`.
         shape: () for a scalar, n for a column, (rows, columns) for a matrix.
         axes: suffixes of a column's elements on a port; `1..n` without it.
         tunable: may be set between steps; other parameters are fixed after initialisation.
@@ -87,18 +89,30 @@ def real(
     """
     if unit is not None:
         base_exponents(unit)
-    field = _field("Real", unit, description, start, min, max, shape, axes, tunable)
-    return dataclasses.replace(field, listed=listed)
+    if within is not None:
+        min, max = -within, within
+    flags = {"tunable": tunable, "listed": listed}
+    return _field("Real", unit, description, start, min, max, shape, axes, **flags)
+
+
+def vector(unit: str | None, description: str, **options: Any) -> Any:
+    """Declare a real vector along x, y and z; options as those of `real`."""
+    return real(unit, description, shape=3, axes="xyz", **options)
+
+
+def quaternion(description: str, **options: Any) -> Any:
+    """Declare a unit quaternion, w first, starting as no rotation; options as those of `real`."""
+    return real(None, description, start=(1, 0, 0, 0), shape=4, axes="wxyz", **options)
 
 
 def integer(description: str, *, start: int = 0, min: int, max: int, tunable: bool = False) -> Any:
     """Declare an integer variable, as for a choice or a seed."""
-    return _field("Integer", None, description, start, min, max, (), None, tunable)
+    return _field("Integer", None, description, start, min, max, tunable=tunable)
 
 
 def boolean(description: str, *, start: bool = False, tunable: bool = False) -> Any:
     """Declare a yes or no; 1.0 and 0.0 inside a step."""
-    return _field("Boolean", None, description, float(start), 0, 1, (), None, tunable)
+    return _field("Boolean", None, description, float(start), 0, 1, tunable=tunable)
 
 
 def condition(description: str, warning: str) -> Any:
@@ -110,8 +124,7 @@ def condition(description: str, warning: str) -> Any:
         description: one sentence.
         warning: what is wrong when it is false, and the cure.
     """
-    field = boolean(description, start=True)
-    return dataclasses.replace(field, warning=warning)
+    return _field("Boolean", None, description, 1.0, 0, 1, warning=warning)
 
 
 def _field(
@@ -121,30 +134,22 @@ def _field(
     start: Any,
     low: float,
     high: float,
-    shape: int | tuple[int, ...],
-    axes: str | Sequence[str] | None,
-    tunable: bool,
+    shape: int | tuple[int, ...] = (),
+    axes: str | Sequence[str] | None = None,
+    **more: Any,
 ) -> Field:
     shape = (shape,) if isinstance(shape, int) else tuple(shape)
-    starts = np.broadcast_to(np.asarray(start, dtype=float), shape).flatten(order="F")
+    names = None if axes is None else tuple(axes)
+    starts = np.broadcast_to(np.asarray(start, dtype=float), shape).flatten(order="F").tolist()
     for value in starts:
         if not low <= value <= high:
             raise SteadytipError(
                 f"'{description}': start {value:.9g} must be {range_text(low, high)}"
             )
-    if axes is not None and shape != (len(axes),):
-        raise SteadytipError(f"'{description}': {len(axes)} axes for the shape {shape}")
-    return Field(
-        kind,
-        unit,
-        description,
-        tuple(float(v) for v in starts),
-        float(low),
-        float(high),
-        shape,
-        tuple(axes) if axes is not None else None,
-        tunable,
-    )
+    if names is not None and shape != (len(names),):
+        raise SteadytipError(f"'{description}': {len(names)} axes for the shape {shape}")
+    bounds = float(low), float(high)
+    return Field(kind, unit, description, tuple(starts), *bounds, shape, names, **more)
 
 
 class Record:
@@ -288,7 +293,7 @@ class Inputs(Record):
 
 
 class State(Record):
-    """What a model carries from one sample to the next."""
+    """Memory of a model, carried from one sample to the next."""
 
 
 class Outputs(Record):

@@ -54,7 +54,7 @@ class Runner:
             _assign(table, self.model.inputs, name, value)
         streams = [
             uniforms(int(self.p[seed]), self.samples, samples, count)
-            for seed, count in self.model.streams
+            for seed, count in self.model.noise_streams
         ]
 
         draws = np.hstack([np.empty((samples, 0)), *streams])
@@ -71,7 +71,7 @@ class Runner:
         """Compute outputs before the first step, and put them into the states that hold them."""
         start: Any = self.model.start_function
         self.initial = np.array(start(self.p, self.d, u, self.x, r)[1]).ravel()
-        for output, state in self.model.latches:
+        for output, state in self.model.initial_latches:
             self.x[state] = self.initial[output]
 
     def _evaluated(self, table: np.ndarray, draws: np.ndarray) -> np.ndarray:

@@ -21,7 +21,7 @@ _DERIVED: Mapping[str, Mapping[str, int]] = {
     "degC": {"K": 1},
 }
 OFFSETS: Mapping[str, float] = {"degC": 273.15}
-"""What is added to a value to have it in base units."""
+"""Number added to a value to have it in base units."""
 _FACTOR = re.compile(r"(?P<symbol>[A-Za-z]+)(?P<power>\d+(\.\d+)?)?$")
 
 

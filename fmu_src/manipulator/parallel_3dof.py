@@ -68,18 +68,18 @@ import numpy as np
 from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit.records import Inputs, boolean, real, vector
 from fmu_src.math import rotations
 
 LEG_ANGLES = np.radians([0.0, 120.0, 240.0])
 """Directions of the legs about z_0 (A04 6.1)."""
 ITERATIONS = 6
-"""Of the tilt; each is worth some three digits within reach."""
+"""Steps to find the tilt; each is worth some three digits within reach."""
 LARGEST_LATERAL = 0.25
 """Lateral demand, in shaft lengths, to which a longer one is shortened so that it has a tilt.
 Twenty times the reach, hence of no effect but on demands that are limited anyway."""
 NEWTON_STEPS = 4
-"""Of the forward solution, from a level platform; for stacks of six times the stroke."""
+"""Steps of the forward solution, from a level platform; for stacks of six times the stroke."""
 LARGEST_TILT = 0.5
 """|e| to which the forward solution is kept, so that there is one for any strokes; 60 deg."""
 ROUNDING = 1e-13
@@ -114,11 +114,9 @@ class Geometry(Parameters):
 
 
 class In(Inputs):
-    """Where the tip shall be."""
+    """Place wanted of the tip."""
 
-    displacement = real(
-        "m", "d, tip less tip at zero stroke, in frame 0", shape=3, axes="xyz", min=-0.1, max=0.1
-    )
+    displacement = vector("m", "d, tip less tip at zero stroke, in frame 0", within=0.1)
 
 
 class Out(Outputs):
@@ -285,4 +283,4 @@ def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
     return x, Out(strokes=strokes, reachable=reachable)
 
 
-MODEL = Model("Parallel3Dof", step, Geometry, In, Resting, Out, sample_period=1e-3)
+MODEL = Model.of_step("Parallel3Dof", step, sample_period=1e-3)

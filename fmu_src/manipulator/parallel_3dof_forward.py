@@ -28,21 +28,21 @@ import casadi as ca
 
 from fmu_src.kit import Outputs, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, real
+from fmu_src.kit.records import Inputs, real, vector
 from fmu_src.manipulator import parallel_3dof
 from fmu_src.manipulator.parallel_3dof import Geometry
 
 
 class In(Inputs):
-    """What the stacks do."""
+    """Strokes of the stacks."""
 
     strokes = real("m", "lambda, strokes of the stacks", shape=3, min=-20e-6, max=1e-4)
 
 
 class Out(Outputs):
-    """Where they bring the tip."""
+    """Place of the tip."""
 
-    displacement = real("m", "d, tip less tip at zero stroke, in frame 0", shape=3, axes="xyz")
+    displacement = vector("m", "d, tip less tip at zero stroke, in frame 0")
     jacobian = real(None, "J, displacement of the tip by stroke, row axis", shape=(3, 3))
 
 
@@ -72,4 +72,4 @@ def step(p: Geometry, u: In, x: Resting, T: float) -> tuple[Resting, Out]:
     )
 
 
-MODEL = Model("Parallel3DofForward", step, Geometry, In, Resting, Out, sample_period=1e-3)
+MODEL = Model.of_step("Parallel3DofForward", step, sample_period=1e-3)

@@ -15,11 +15,11 @@ def by_pairs(operation: Callable[[Any, Any], Any], values: list[Any]) -> Any:
     return values[0]
 
 
-def total(column: Any) -> Any:
+def pairwise_sum(column: Any) -> Any:
     """Sum of the elements of a column."""
     return by_pairs(lambda one, other: one + other, ca.vertsplit(column))
 
 
-def smallest(column: Any) -> Any:
+def pairwise_min(column: Any) -> Any:
     """Least element of a column."""
     return by_pairs(ca.fmin, ca.vertsplit(column))

@@ -41,7 +41,7 @@ GRID = (np.arange(64) + 0.5) / 64 * 60.0
 INTENT = np.arange(0.0, 3.1, 0.5)
 """Frequencies at which the response of the weights is held [Hz]."""
 SOFTNESS = 1e-2
-"""How far that may be missed, so that the response elsewhere changes little."""
+"""Distance by which that may be missed, so that the response elsewhere changes little."""
 
 WASH_OUT = real(
     "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=2.0
@@ -50,7 +50,7 @@ WASH_OUT = real(
 
 
 class Band(Parameters):
-    """Where tremor is."""
+    """Band of tremor."""
 
     lowest = real("Hz", "f_1, lower edge of the tremor's band", start=6.0, min=3.0, max=12.0)
     highest = real("Hz", "f_2, upper edge of the tremor's band", start=15.0, min=12.5, max=30.0)

@@ -25,10 +25,10 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Outputs, State
+from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, real
-from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS
+from fmu_src.kit.records import Derived, real
+from fmu_src.piezo.modulated_stops import CREEP_TIMES, LAGS, In, Out
 from fmu_src.piezo.prandtl_ishlinskii import NOMINAL, PLAYS, Hysteresis, remember, stops
 
 WIDTHS = 4
@@ -57,38 +57,21 @@ class Creeping(_Starting):
         max=200.0,
     )
     creep_weights = real(
-        None,
-        "c, weights of the creep operators",
-        shape=WIDTHS,
-        start=CREEP_WEIGHTS,
-        min=-10.0,
-        max=10.0,
+        None, "c, weights of the creep operators", shape=WIDTHS, start=CREEP_WEIGHTS, within=10.0
     )
     creep_time = real("s", "tau, times of creep", shape=LAGS, start=CREEP_TIMES, min=1e-3, max=1e5)
 
 
-class In(Inputs):
-    """Drive."""
-
-    volts = real("V", "v, voltage held over the sample", min=-500.0, max=500.0)
-
-
 class Memory(State):
-    """What a stack remembers."""
+    """Memory of a stack."""
 
     plays = real("V", "H, outputs of the plays", shape=PLAYS)
     crept = real("V", "K, outputs of the creep operators", shape=(WIDTHS, LAGS))
     volts = real("V", "voltage of the sample before")
 
 
-class Out(Outputs):
-    """Response."""
-
-    stroke = real("m", "z, stroke at the end of the sample")
-
-
 class Pace(Derived):
-    """What follows from the parameters."""
+    """Creep in a sample, computed from the parameters."""
 
     share = real(None, "of the way that is left, crept in a sample", shape=LAGS)
 
@@ -129,14 +112,4 @@ def step(p: Creeping, u: In, x: Memory, T: float, derived: Pace) -> tuple[Memory
     return following, Out(stroke=ca.dot(p.saturation, stops(y, p.dead_zones)))
 
 
-MODEL = Model(
-    "CreepPrandtlIshlinskii",
-    step,
-    Creeping,
-    In,
-    Memory,
-    Out,
-    sample_period=1e-3,
-    derived=Pace,
-    derive=derive,
-)
+MODEL = Model.of_step("CreepPrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

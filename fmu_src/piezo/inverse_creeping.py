@@ -17,21 +17,20 @@ voltage really sent.
 
 from typing import Any
 
-from fmu_src.kit import Parameters, State
+from fmu_src.kit import State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived
 from fmu_src.piezo import creeping
+from fmu_src.piezo import inverse_prandtl_ishlinskii as inverse
 from fmu_src.piezo.creeping import Creeping, Memory, Pace
-from fmu_src.piezo.demand import Demand, ahead, horizon, seen
-from fmu_src.piezo.inverse_prandtl_ishlinskii import In, Inverse, Out, Range, drive, invert
+from fmu_src.piezo.demand import Demand, ahead, seen
+from fmu_src.piezo.inverse_prandtl_ishlinskii import In, Inverse, Out, drive, invert
 
 
-class Params(Parameters):
+class Params(inverse.Params):
     """The operator to invert, and the amplifier."""
 
     hysteresis: Any = Creeping
-    amplifier: Any = Range
-    horizon = horizon(0.0)
 
 
 class X(State):
@@ -42,7 +41,7 @@ class X(State):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Inverse operator and creep in a sample, computed from the parameters."""
 
     inverse: Any = Inverse
     pace: Any = Pace
@@ -65,14 +64,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(volts=volts, limited=limited)
 
 
-MODEL = Model(
-    "InverseCreepPrandtlIshlinskii",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InverseCreepPrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

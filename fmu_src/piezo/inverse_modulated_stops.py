@@ -39,7 +39,7 @@ from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, boolean, real
-from fmu_src.math.pairwise import smallest, total
+from fmu_src.math.pairwise import pairwise_min, pairwise_sum
 from fmu_src.piezo import demand, modulated_stops
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range
 from fmu_src.piezo.modulated_stops import Constants, Memory, Stops, settled
@@ -52,9 +52,9 @@ FEW_STEPS, SMALL_STEP = 3, 1e-8
 TOLERANCE = 0.1e-9
 """Stroke by which a solution may miss the demand before it counts as limited [m]."""
 CORNER = 2.0
-"""Of the high-pass ahead of the adaptation [Hz]: below tremor, above creep."""
+"""Corner of the high-pass ahead of the adaptation [Hz]: below tremor, above creep."""
 LARGEST_GAIN = 1.5
-"""Of the adaptation, and the reciprocal of the smallest."""
+"""Largest gain of the adaptation, and the reciprocal of the smallest."""
 SAME = 1e-14
 """Share of the span by which rounding may keep a play from its end."""
 SMALLEST_POWER = (0.05e-6) ** 2
@@ -71,10 +71,10 @@ class Params(Parameters):
 
 
 class In(Inputs):
-    """What is wanted, and what is seen of it."""
+    """Stroke wanted, and stroke measured."""
 
-    stroke = real("m", "d, stroke wanted", min=-1e-3, max=1e-3)
-    measured = real("m", "m, stroke measured", min=-1e-3, max=1e-3)
+    stroke = real("m", "d, stroke wanted", within=1e-3)
+    measured = real("m", "m, stroke measured", within=1e-3)
     measured_valid = boolean("whether `measured` can be learnt from", start=False)
 
 
@@ -90,7 +90,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What to send."""
+    """Voltage to send."""
 
     volts = real("V", "v, voltage to send")
     limited = boolean("whether the voltage had to be limited")
@@ -98,7 +98,7 @@ class Out(Outputs):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Constants of the operator, computed from the parameters."""
 
     operator: Any = Constants
 
@@ -166,7 +166,7 @@ def nearby(
     wanted = stroke - settled(p, derived, x)
     share = derived.share
     here = ca.fmin(ca.fmax(x.volts, amplifier.lowest), amplifier.highest)
-    low, high = (-share * total(w * x.plays) for w in (p.weights_low, p.weights_high))
+    low, high = (-share * pairwise_sum(w * x.plays) for w in (p.weights_low, p.weights_high))
     resting = Piece(p, derived, low, derived.low_sum, high, derived.high_sum)
     side = ca.if_else(resting.stroke(share * here) < wanted, 1.0, -1.0)
     # How far each play is from its end in the direction of the voltage [V]. Those that are there
@@ -174,7 +174,7 @@ def nearby(
     way = (p.thresholds + side * x.plays) - side * here
     ended = way <= SAME * p.span
     low_ended, high_ended = (
-        total(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
+        pairwise_sum(ca.if_else(ended, w, 0.0)) for w in (p.weights_low, p.weights_high)
     )
     ahead = Piece(
         p,
@@ -185,7 +185,7 @@ def nearby(
         derived.high_sum - high_ended,
     )
     limit = ca.if_else(side > 0, amplifier.highest - here, here - amplifier.lowest)
-    reach = smallest(ca.vertcat(limit, ca.if_else(ended, limit, way)))
+    reach = pairwise_min(ca.vertcat(limit, ca.if_else(ended, limit, way)))
     end = share * (here + side * reach)
     bottom, top = ca.fmin(share * here, end), ca.fmax(share * here, end)
     a, last = ahead.solved(wanted, share * here, bottom, top, FEW_STEPS)
@@ -333,14 +333,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(volts=volts, limited=limited, gain=gain)
 
 
-MODEL = Model(
-    "InverseModulatedStops",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InverseModulatedStops", step, sample_period=SAMPLE_PERIOD, derive=derive)

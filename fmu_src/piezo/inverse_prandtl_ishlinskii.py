@@ -76,15 +76,15 @@ class Inverse(Derived):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Inverse operator, computed from the parameters."""
 
     inverse: Any = Inverse
 
 
 class In(Inputs):
-    """What is wanted."""
+    """Stroke wanted."""
 
-    stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
+    stroke = real("m", "z, stroke wanted", within=1e-3)
 
 
 class X(State):
@@ -95,7 +95,7 @@ class X(State):
 
 
 class Out(Outputs):
-    """What to send."""
+    """Voltage to send."""
 
     volts = real("V", "v, voltage to send")
     limited = boolean("whether the voltage had to be limited")
@@ -181,14 +181,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return X(plays=plays, demand=seen(u.stroke, x.demand)), Out(volts=volts, limited=limited)
 
 
-MODEL = Model(
-    "InversePrandtlIshlinskii",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InversePrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

@@ -24,43 +24,37 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Outputs, Parameters
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, real
+from fmu_src.kit.records import Derived, boolean, real
 from fmu_src.piezo import inverse_prandtl_ishlinskii as inverse
 from fmu_src.piezo import rate_dependent
-from fmu_src.piezo.demand import ahead, horizon, seen
+from fmu_src.piezo.demand import ahead, seen
 from fmu_src.piezo.inverse_prandtl_ishlinskii import Range, X
 from fmu_src.piezo.rate_dependent import Limits, RateDependence
 
 
-class Params(Parameters):
+class Params(inverse.Params):
     """The operator to invert, and the amplifier."""
 
     hysteresis: Any = RateDependence
-    amplifier: Any = Range
-    horizon = horizon(0.0)
 
 
-class In(Inputs):
-    """What is wanted."""
+class In(inverse.In):
+    """Stroke wanted, and its rate."""
 
-    stroke = real("m", "z, stroke wanted", min=-1e-3, max=1e-3)
-    rate = real("m/s", "z', its rate where the voltage acts", min=-10.0, max=10.0)
+    rate = real("m/s", "z', its rate where the voltage acts", within=10.0)
     rate_valid = boolean("whether `rate` is given; else it is the demand's", start=False)
 
 
-class Out(Outputs):
-    """What to send."""
+class Out(inverse.Out):
+    """Voltage to send, and the rate it is for."""
 
-    volts = real("V", "v, voltage to send")
-    limited = boolean("whether the voltage had to be limited")
     rate_used = real("m/s", "rate that the inverse is for")
     singular = boolean("whether that rate is above the singular one")
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Range of the inverse, computed from the parameters."""
 
     limits: Any = Limits
 
@@ -103,14 +97,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(volts=volts, limited=limited, rate_used=rate, singular=singular)
 
 
-MODEL = Model(
-    "InverseRatePrandtlIshlinskii",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-)
+MODEL = Model.of_step("InverseRatePrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

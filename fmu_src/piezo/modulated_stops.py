@@ -45,7 +45,7 @@ from fmu_src.device import design
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, condition, real
-from fmu_src.math.pairwise import total
+from fmu_src.math.pairwise import pairwise_sum
 from fmu_src.piezo.prandtl_ishlinskii import UNDEFINED
 
 STOPS = 12
@@ -83,7 +83,7 @@ class Stops(Parameters):
 
     span = real("V", "V, voltage of a = 1", start=design.STACK_VOLTS, min=0.1, max=1000.0)
     polynomial = real(
-        "m", "p, loading by powers of a, from 1", shape=3, start=POLYNOMIAL, min=-1e-2, max=1e-2
+        "m", "p, loading by powers of a, from 1", shape=3, start=POLYNOMIAL, within=1e-2
     )
     thresholds = real(
         "V",
@@ -99,19 +99,19 @@ class Stops(Parameters):
     weights_high = real(
         "m", "g, weights of the stops at a = 1", shape=STOPS, start=WEIGHTS_HIGH, min=0.0, max=1e-2
     )
-    creep = real("m", "k, weights of creep", shape=LAGS, start=CREEP, min=-1e-2, max=1e-2)
+    creep = real("m", "k, weights of creep", shape=LAGS, start=CREEP, within=1e-2)
     creep_time = real("s", "tau", shape=LAGS, start=CREEP_TIMES, min=1e-3, max=1e5)
-    lead = real("s", "lead of the stroke at the end of a sample", start=LEAD, min=-1.0, max=1.0)
+    lead = real("s", "lead of the stroke at the end of a sample", start=LEAD, within=1.0)
 
 
 class In(Inputs):
     """Drive."""
 
-    volts = real("V", "v, voltage held over the sample", min=-500.0, max=500.0)
+    volts = real("V", "v, voltage held over the sample", within=500.0)
 
 
 class Memory(State):
-    """What a stack remembers."""
+    """Memory of a stack."""
 
     plays = real("V", "H, outputs of the plays", shape=STOPS)
     crept = real(None, "c, share of the span crept through", shape=LAGS)
@@ -125,7 +125,7 @@ class Out(Outputs):
 
 
 class Constants(Derived):
-    """What follows from the parameters."""
+    """Constants of the operator, computed from the parameters."""
 
     left = real(None, "what is left of creep's distance after a sample", shape=LAGS)
     steepness = real("m", "lead p_1 / T", start=0.0)
@@ -184,7 +184,7 @@ def creep(p: Stops, derived: Constants, x: Memory) -> ca.SX:
 
 def settled(p: Stops, derived: Constants, x: Memory) -> ca.SX:
     """Return the part of the stroke that does not depend on the voltage of this sample [m]."""
-    crept = total(p.creep * creep(p, derived, x))
+    crept = pairwise_sum(p.creep * creep(p, derived, x))
     return crept - derived.steepness * (x.volts * derived.share)
 
 
@@ -198,20 +198,10 @@ def step(p: Stops, u: In, x: Memory, T: float, derived: Constants) -> tuple[Memo
     following = remember(p, derived, u.volts, x)
     a = u.volts * derived.share
     left = u.volts - following.plays
-    low, high = total(p.weights_low * left), total(p.weights_high * left)
+    low, high = pairwise_sum(p.weights_low * left), pairwise_sum(p.weights_high * left)
     held = ((1 - a) * low + a * high) * derived.share
     stroke = settled(p, derived, x) + derived.steepness * a + loading(p, a) - held
     return following, Out(stroke=stroke)
 
 
-MODEL = Model(
-    "ModulatedStops",
-    step,
-    Stops,
-    In,
-    Memory,
-    Out,
-    sample_period=1e-3,
-    derived=Constants,
-    derive=derive,
-)
+MODEL = Model.of_step("ModulatedStops", step, sample_period=1e-3, derive=derive)

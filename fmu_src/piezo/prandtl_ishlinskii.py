@@ -40,7 +40,7 @@ UNDEFINED = (
     "least one; an inverse goes on with slopes that are raised. Identify it again, or correct its "
     "values"
 )
-"""What is said of parameters without an inverse."""
+"""Warning for parameters without an inverse."""
 
 
 class Hysteresis(Parameters):
@@ -65,8 +65,7 @@ class Hysteresis(Parameters):
         "w, weights of the plays",
         shape=PLAYS,
         start=(0.4106, 0.1532, 0.1365, 0.0718, 0.1175, 0.0672, 0.1262, 0.1261, 0.122, 0.049),
-        min=-10.0,
-        max=10.0,
+        within=10.0,
     )
     dead_zones = real(
         "V",
@@ -81,15 +80,14 @@ class Hysteresis(Parameters):
         "s, weights of the dead zones",
         shape=DEAD_ZONES,
         start=(NOMINAL, -2.4e-9, -2.5e-9, -1.1e-8),
-        min=-1e-5,
-        max=1e-5,
+        within=1e-5,
     )
 
 
 class In(Inputs):
     """Drive."""
 
-    volts = real("V", "v, voltage across the stack", min=-500.0, max=500.0)
+    volts = real("V", "v, voltage across the stack", within=500.0)
 
 
 class X(State):
@@ -136,4 +134,4 @@ def step(p: Hysteresis, u: In, x: X, T: float) -> tuple[X, Out]:
     return X(plays=plays), Out(stroke=respond(p, plays))
 
 
-MODEL = Model("PrandtlIshlinskii", step, Hysteresis, In, X, Out, sample_period=1e-3)
+MODEL = Model.of_step("PrandtlIshlinskii", step, sample_period=1e-3)

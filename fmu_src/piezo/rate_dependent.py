@@ -29,15 +29,16 @@ from typing import Any
 
 import casadi as ca
 
-from fmu_src.kit import Outputs, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, condition, real
+from fmu_src.kit.records import Derived, boolean, condition, real
+from fmu_src.piezo import prandtl_ishlinskii
 from fmu_src.piezo.inverse_prandtl_ishlinskii import SMALLEST_SLOPE, invert
 from fmu_src.piezo.prandtl_ishlinskii import (
     NOMINAL,
     PLAYS,
     UNDEFINED,
     Hysteresis,
+    X,
     remember,
     respond,
 )
@@ -53,7 +54,7 @@ RATE_LIMITS = (200e-6,) * 2 + (750e-6,) * (PLAYS - 2)
 """A04 Fig. 7.11 has the first two slopes up to 200 um/s, and 746 um/s is the fastest of a sine of
 12.5 um p-p at 19 Hz (7.3.2)."""
 REFERENCE_RATE = 250e-6
-"""Of 12.5 um p-p at 10 Hz."""
+"""Largest rate of a sine of 12.5 um p-p at 10 Hz."""
 
 _Starting: Any = Hysteresis.starting(weights=WEIGHTS, saturation=SATURATION)
 
@@ -71,8 +72,7 @@ class RateDependence(_Starting):
         "c, change of the slopes of the loading curve with the rate",
         shape=PLAYS,
         start=RATE_SLOPES,
-        min=-1e6,
-        max=1e6,
+        within=1e6,
     )
     rate_limits = real(
         "m/s",
@@ -87,28 +87,20 @@ class RateDependence(_Starting):
     )
 
 
-class In(Inputs):
+class In(prandtl_ishlinskii.In):
     """Drive, and how fast it moves the stack."""
 
-    volts = real("V", "v, voltage across the stack", min=-500.0, max=500.0)
-    rate = real("m/s", "z', rate of the stroke", min=-10.0, max=10.0)
+    rate = real("m/s", "z', rate of the stroke", within=10.0)
 
 
-class X(State):
-    """Memory."""
-
-    plays = real("V", "H, outputs of the plays", shape=PLAYS)
-
-
-class Out(Outputs):
+class Out(prandtl_ishlinskii.Out):
     """Response."""
 
-    stroke = real("m", "z, stroke")
     singular = boolean("whether the rate is above the singular one")
 
 
 class Limits(Derived):
-    """Where the operator has an inverse."""
+    """Range in which the operator has an inverse."""
 
     singular_rate = real("m/s", "least rate without an inverse", start=FASTEST)
     defined = condition("whether there is an inverse from rest up to that rate", UNDEFINED)
@@ -161,14 +153,4 @@ def step(p: RateDependence, u: In, x: X, T: float, derived: Limits) -> tuple[X, 
     return X(plays=plays), Out(stroke=respond(now, plays), singular=singular)
 
 
-MODEL = Model(
-    "RatePrandtlIshlinskii",
-    step,
-    RateDependence,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Limits,
-    derive=derive,
-)
+MODEL = Model.of_step("RatePrandtlIshlinskii", step, sample_period=1e-3, derive=derive)

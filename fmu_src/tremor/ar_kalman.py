@@ -18,7 +18,7 @@ for Surgical Robotics Applications* (2013): the coefficients are the state, what
 next sample, and prediction goes several strides ahead. No axis knows of the others. Every sample
 is the end of a series of strides, so that an output stands at each; all series share coefficients.
 
-The papers predict a tremor that a band-pass has told from intent before. A causal one is late, and
+The papers predict a tremor that a band-pass has separated from intent. A causal one is late, and
 predicting farther makes up for it. So built, and tuned by random search over prefilter, stride,
 order, noise, gain and distance, the best on hands gains 34 % a-posteriori, and that one predicts
 nothing; those that do predict gain less. Here the prefilter is the difference over a stride, which
@@ -62,11 +62,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors, zero_phase
-from fmu_src.tremor.ports import HORIZON, In, Out
+from fmu_src.tremor.ports import HORIZON, CountedMotion, In, Out
 
 SAMPLE_PERIOD = 1e-3
 STRIDE = 8
@@ -76,7 +75,7 @@ ORDER = 10
 AHEAD = 30
 """Strides of the forecast, and of the past that the band-pass reaches into."""
 NOISE = 100.0
-"""Of an observation, over the mean square of e; tuned. Neighbouring samples tell much the same."""
+"""Noise of an observation, over the mean square of e; tuned. Neighbours tell much the same."""
 INNOVATION = 0.3
 """Over which e^2 is averaged [s]; tuned."""
 REACH = 3.0
@@ -84,7 +83,7 @@ REACH = 3.0
 KEEPS = 0.95
 """a_0, a move as good as lasting; 0.8 does as well."""
 FADING = 0.94
-"""Of a move from stride to stride where the position cannot be trusted."""
+"""Share of a move that is left from stride to stride where the position cannot be trusted."""
 LEAST_MOVE = 1e-9
 """Size of e below which nothing is learnt [m]."""
 AXES = 3
@@ -110,11 +109,9 @@ class Weights(Derived):
     left = real(None, "l, what a sample leaves of the coefficients")
 
 
-class X(State):
+class X(CountedMotion):
     """Memory of the motion, and the coefficients."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=AXES)
     unrest = real("m2", "r, mean square of what is not explained", shape=AXES)
     motion = real("m", "s, newest first", shape=(AXES, HISTORY), listed=False)
     coefficients = real(
@@ -208,7 +205,7 @@ def found(derived: Weights, motion: Any, x: X) -> Out:
     return Out(tremor=known + forecast)
 
 
-def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
+def output_function(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
     """Return the outputs of a sample alone."""
     return found(derived, moved(u, x)[0], x)
 
@@ -230,16 +227,6 @@ def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
     return following, found(derived, motion, x)
 
 
-MODEL = Model(
-    "ArKalman",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Weights,
-    derive=derive,
-    matrix=True,
-    answer=outputs,
+MODEL = Model.of_step(
+    "ArKalman", step, SAMPLE_PERIOD, derive=derive, matrix=True, answer=output_function
 )

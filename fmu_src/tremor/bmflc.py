@@ -46,11 +46,11 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Parameters, State
+from fmu_src.kit import Parameters
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors
-from fmu_src.tremor.ports import HORIZON, WASH_OUT, In, Out
+from fmu_src.tremor.ports import HORIZON, WASH_OUT, CountedMotion, In, Out
 from fmu_src.tremor.wflc_flc import high_pass
 
 TONES = 13
@@ -74,7 +74,7 @@ class BmflcParams(Parameters):
 
 
 class Factors(Derived):
-    """What a sample does to the phasors; complex factors as real over imaginary parts."""
+    """Complex factors of the phasors in a sample, real over imaginary parts."""
 
     turn = real(None, "e^(i 2 pi f_i T), from one sample to the next", shape=2 * TONES)
     keep = real(None, "e^(-T / tau_m), what a sample leaves of the weights")
@@ -82,11 +82,9 @@ class Factors(Derived):
     ahead = real(None, "the same, wash-out undone and a horizon ahead", shape=2 * TONES)
 
 
-class BmflcState(State):
+class BmflcState(CountedMotion):
     """Memories of the filters."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     motion = real("m", "position less origin", shape=3)
     high = real("m", "memory of the high-passes", shape=(HIGH_PASS_ORDER, 3))
     phasors = real("m", "z, weights turned to now", shape=(2 * TONES, 3))
@@ -129,14 +127,4 @@ def step(
     )
 
 
-MODEL = Model(
-    "Bmflc",
-    step,
-    BmflcParams,
-    In,
-    BmflcState,
-    Out,
-    sample_period=1e-3,
-    derived=Factors,
-    derive=derive,
-)
+MODEL = Model.of_step("Bmflc", step, sample_period=1e-3, derive=derive)

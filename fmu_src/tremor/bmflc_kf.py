@@ -43,18 +43,17 @@ from functools import partial
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors
 from fmu_src.tremor.intent_and_tones import IntentAndTones
-from fmu_src.tremor.ports import In, Out, Surroundings
+from fmu_src.tremor.ports import CountedMotion, In, Out, Surroundings
 
 FREQUENCIES = np.arange(6.0, 14.1, 0.5)
 """f_i [Hz]."""
 TONES = len(FREQUENCIES)
 ORDER = 2
-"""Of the intent: place and speed."""
+"""Order of the intent: place and speed."""
 MEMORY = 0.8
 """tau_m [s]; tuned."""
 TREMOR_NOISE = 60.0
@@ -76,11 +75,9 @@ class Factors(Derived):
     ahead = real(None, "from the phasors to the tremor at t + h", shape=2 * TONES)
 
 
-class BmflcKfState(State):
+class BmflcKfState(CountedMotion):
     """Intent and tones."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     place = real("m", "first of v, place of the intent", shape=3)
     speed = real("m/s", "second of v, its speed", shape=3)
     phasors = real("m", "z, tones", shape=(2 * TONES, 3))
@@ -100,14 +97,4 @@ def step(
     return following, Out(tremor=phasors.total(following.phasors, derived.ahead))
 
 
-MODEL = Model(
-    "BmflcKf",
-    step,
-    Surroundings,
-    In,
-    BmflcKfState,
-    Out,
-    sample_period=1e-3,
-    derived=Factors,
-    derive=derive,
-)
+MODEL = Model.of_step("BmflcKf", step, sample_period=1e-3, derive=derive)

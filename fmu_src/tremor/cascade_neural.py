@@ -46,14 +46,14 @@ import numpy as np
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, boolean, integer, real
+from fmu_src.kit.records import Inputs, boolean, integer, real, vector
 
 SAMPLE_PERIOD = 4e-3
-"""Of the recordings that are trained on, there and here [s]."""
+"""Sample period of the recordings that are trained on, there and here [s]."""
 INPUTS = 100
 """As many as Riviere and Khosla have (A04 5.3.3)."""
 HIDDEN = 10
-"""The same."""
+"""As many as Riviere and Khosla have."""
 SPACINGS = 5
 """Largest spacing of the inputs [samples]."""
 HISTORY = SPACINGS * (INPUTS - 1) + 1
@@ -61,12 +61,12 @@ AXES = 3
 REACH = 1.0
 """Positions beyond that are none [m]."""
 BESSEL_POINTS = 16
-"""Of the midpoint rule over half a turn; by symmetry the first half of them is enough."""
+"""Points of the midpoint rule over half a turn; by symmetry the first half of them is enough."""
 _SINES = np.sin(np.pi * (np.arange(BESSEL_POINTS // 2) + 0.5) / BESSEL_POINTS)
 
 
 class Activation(NamedTuple):
-    """What a hidden unit makes of its net input; both take it and the module to compute with."""
+    """Function of a hidden unit's net input; both take it and the module to compute with."""
 
     value: Callable[[Any, ModuleType], Any]
     slope: Callable[[Any, ModuleType], Any]
@@ -109,7 +109,7 @@ class Params(Parameters):
     """The network; it passes its newest input until it is trained."""
 
     spacing = integer("d, samples from one input to the next", start=1, min=1, max=SPACINGS)
-    origin = real("m", "o, place that is held", shape=3, min=-REACH, max=REACH)
+    origin = real("m", "o, place that is held", shape=3, within=REACH)
     input_scale = real("m", "a_u, scale of the inputs", start=1e-4, min=1e-9, max=1.0)
     output_scale = real("m", "a_y, scale of the output", start=1e-4, min=1e-9, max=1.0)
     output: Any = Output
@@ -128,7 +128,7 @@ class Params(Parameters):
 class In(Inputs):
     """Motion of the tip."""
 
-    position = real("m", "tip position", shape=3, axes="xyz", min=-REACH, max=REACH)
+    position = vector("m", "tip position", within=REACH)
     valid = boolean("whether the position can be trusted", start=True)
 
 
@@ -140,10 +140,10 @@ class X(State):
 
 
 class Out(Outputs):
-    """What is meant, and what is not."""
+    """Motion that is meant, and error."""
 
-    motion = real("m", "m, tip motion without error", shape=3, axes="xyz")
-    error = real("m", "e, position less that motion", shape=3, axes="xyz")
+    motion = vector("m", "m, tip motion without error")
+    error = vector("m", "e, position less that motion")
 
 
 def units(p: Params) -> list[Any]:
@@ -193,4 +193,4 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     )
 
 
-MODEL = Model("CascadeNeural", step, Params, In, X, Out, sample_period=SAMPLE_PERIOD, matrix=True)
+MODEL = Model.of_step("CascadeNeural", step, sample_period=SAMPLE_PERIOD, matrix=True)

@@ -27,7 +27,7 @@ import numpy as np
 
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, real
+from fmu_src.kit.records import Inputs, real, vector
 
 HARMONICS = 1
 """M. The second harmonic of an 8 to 12 Hz tremor lies beyond what hands show above their noise."""
@@ -49,9 +49,9 @@ class Params(Parameters):
 
 
 class In(Inputs):
-    """What holds the tone."""
+    """Position that holds the tone."""
 
-    position = real("m", "s, position that holds the tone", shape=3, axes="xyz", min=-1.0, max=1.0)
+    position = vector("m", "s, position that holds the tone", within=1.0)
 
 
 class X(State):
@@ -64,7 +64,7 @@ class X(State):
 class Out(Outputs):
     """The tone."""
 
-    tremor = real("m", "y, the tone in the position", shape=3, axes="xyz")
+    tremor = vector("m", "y, the tone in the position")
 
 
 def advance(phase: Any, frequency: Any, T: float) -> ca.SX:
@@ -106,4 +106,4 @@ def step(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
     return X(phase=phase, weights=weights), Out(tremor=tone(weights, regressor))
 
 
-MODEL = Model("Flc", step, Params, In, X, Out, sample_period=1e-3)
+MODEL = Model.of_step("Flc", step, sample_period=1e-3)

@@ -61,7 +61,7 @@ import numpy as np
 
 from fmu_src.device import sensing_kinematics as kinematics
 from fmu_src.kit import Parameters, State
-from fmu_src.kit.records import Derived, Inputs, boolean, real
+from fmu_src.kit.records import Derived, Inputs, boolean, quaternion, real
 from fmu_src.math import elliptic
 from fmu_src.math.phasors import Pair
 
@@ -81,7 +81,7 @@ DOUBT = 0.1
 MEMORY = 30.0
 """tau [s]."""
 BAND = (6.0, 15.0)
-"""Of the band-pass that the covariance is learnt behind [Hz]."""
+"""Edges of the band-pass that the covariance is learnt behind [Hz]."""
 SECTIONS = 2
 LEAST_TIME = 1e-9
 """Added to the time watched, so that none is divided by nought [s]."""
@@ -92,7 +92,7 @@ GRID = np.arange(0.25, 100.0, 0.5)
 
 
 class Sensing(Parameters):
-    """Where the channels are, and what they add."""
+    """Places of the channels, and what they add."""
 
     geometry: Any = kinematics.Layout
     density: Any = kinematics.DENSITY
@@ -100,30 +100,21 @@ class Sensing(Parameters):
 
 
 class In(Inputs):
-    """What the accelerometers feel, and how the instrument is held."""
+    """Specific forces of the accelerometers, and attitude of the instrument."""
 
     force = real(
         "m/s2",
         "compensated specific force in B",
         shape=CHANNELS,
         axes=kinematics.CHANNELS,
-        min=-1e3,
-        max=1e3,
+        within=1e3,
     )
-    attitude = real(
-        None,
-        "q_WB, unit quaternion, body to world",
-        shape=4,
-        axes="wxyz",
-        start=(1.0, 0.0, 0.0, 0.0),
-        min=-1.001,
-        max=1.001,
-    )
+    attitude = quaternion("q_WB, unit quaternion, body to world", within=1.001)
     valid = boolean("whether both can be trusted", start=True)
 
 
 class Sensed(State):
-    """What has been learnt of the hand, and the tip's motion."""
+    """Covariance learnt of the hand, and the tip's motion."""
 
     tracked = boolean("whether the last sample could be trusted")
     force = real("m/s2", "f of the last one that could", shape=CHANNELS)

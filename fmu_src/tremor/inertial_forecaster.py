@@ -44,7 +44,7 @@ class X(State):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Constants of front and forecaster, computed from the parameters."""
 
     front: Any = inertial.Front
     band: Any = var_forecaster.Weights
@@ -67,15 +67,10 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(tremor=rotations.matrix(u.attitude) @ out.tremor)
 
 
-MODEL = Model(
+MODEL = Model.of_step(
     "InertialForecaster",
     step,
-    Params,
-    In,
-    X,
-    Out,
     sample_period=var_forecaster.SAMPLE_PERIOD,
-    derived=Precomputed,
     derive=derive,
     matrix=True,
 )

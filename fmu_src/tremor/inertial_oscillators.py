@@ -43,7 +43,7 @@ class X(State):
 
 
 class Precomputed(Derived):
-    """What follows from the parameters."""
+    """Constants of front and oscillators, computed from the parameters."""
 
     front: Any = inertial.Front
     factors: Any = oscillators.Factors
@@ -65,15 +65,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Precomputed) -> tuple[X, Out
     return following, Out(tremor=rotations.matrix(u.attitude) @ out.tremor)
 
 
-MODEL = Model(
-    "InertialOscillators",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Precomputed,
-    derive=derive,
-    matrix=True,
-)
+MODEL = Model.of_step("InertialOscillators", step, sample_period=1e-3, derive=derive, matrix=True)

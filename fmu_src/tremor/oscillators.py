@@ -1,4 +1,4 @@
-"""Intent and a bank of oscillators in one state-space filter: what of a motion is tremor.
+"""Intent and a bank of oscillators in one state-space filter: the tremor in a motion.
 
     v    = (place, speed, acceleration) of the intent, v' = A v + noise
     z_i  = oscillator of frequency f_i, z_i' = e^((i 2 pi f_i - 1 / tau_m) T) z_i + noise q_i
@@ -51,18 +51,17 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors
 from fmu_src.tremor.intent_and_tones import IntentAndTones
-from fmu_src.tremor.ports import In, Out, Surroundings
+from fmu_src.tremor.ports import CountedMotion, In, Out, Surroundings
 
 FREQUENCIES = np.arange(3.0, 20.1, 0.75)
 """f_i [Hz]."""
 TONES = len(FREQUENCIES)
 ORDER = 3
-"""Of the intent: place, speed, acceleration."""
+"""Order of the intent: place, speed, acceleration."""
 MEMORY = 0.67
 """tau_m [s]; tuned."""
 TREMOR_NOISE = 1570.0
@@ -96,11 +95,9 @@ class Factors(Derived):
     ahead = real(None, "from the phasors to the tremor at t + h", shape=2 * TONES)
 
 
-class OscillatorState(State):
+class OscillatorState(CountedMotion):
     """Intent and oscillators."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     place = real("m", "first of v, place of the intent", shape=3)
     speed = real("m/s", "second of v, its speed", shape=3)
     acceleration = real("m/s2", "third of v, its acceleration", shape=3)
@@ -153,14 +150,4 @@ def step(
     return estimate(derived, u.position, u.valid, x, T)
 
 
-MODEL = Model(
-    "IntentOscillators",
-    step,
-    Surroundings,
-    In,
-    OscillatorState,
-    Out,
-    sample_period=1e-3,
-    derived=Factors,
-    derive=derive,
-)
+MODEL = Model.of_step("IntentOscillators", step, sample_period=1e-3, derive=derive)

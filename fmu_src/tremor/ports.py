@@ -8,8 +8,8 @@
 | y | tremor | tremor at the time t + h |
 """
 
-from fmu_src.kit import Outputs, Parameters
-from fmu_src.kit.records import Inputs, boolean, real
+from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit.records import Inputs, boolean, real, vector
 
 WASH_OUT = real(
     "Hz", "f_w, wash-out that the position has been through, 0 if none", min=0.0, max=5.0
@@ -18,20 +18,27 @@ HORIZON = real("s", "h, how far ahead the tremor is wanted", min=0.0, max=0.05)
 
 
 class Surroundings(Parameters):
-    """What has been done to the position before, and when the tremor is wanted."""
+    """Wash-out of the position, and the horizon of the tremor."""
 
     wash_out = WASH_OUT
     horizon = HORIZON
 
 
+class CountedMotion(State):
+    """Memory of a filter whose motion counts from an origin, so that a gap is no step."""
+
+    tracked = boolean("whether the last position could be trusted")
+    origin = real("m", "position from which motion is counted", shape=3)
+
+
 class In(Inputs):
     """Motion of the tip."""
 
-    position = real("m", "tip position", shape=3, axes="xyz", min=-1.0, max=1.0)
+    position = vector("m", "tip position", within=1.0)
     valid = boolean("whether the position can be trusted", start=True)
 
 
 class Out(Outputs):
     """The tremor."""
 
-    tremor = real("m", "y, tremor at t + h", shape=3, axes="xyz")
+    tremor = vector("m", "y, tremor at t + h")

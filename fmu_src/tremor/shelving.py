@@ -50,11 +50,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import elliptic, phasors
-from fmu_src.tremor.ports import In, Out, Surroundings
+from fmu_src.tremor.ports import CountedMotion, In, Out, Surroundings
 
 CENTRE = 9.7
 """f_m [Hz]; tuned."""
@@ -80,11 +79,9 @@ class Cut(Derived):
     behind = real(None, "K', gain behind the sections")
 
 
-class X(State):
+class X(CountedMotion):
     """Memory of the sections."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     motion = real("m", "position less origin, held while there is none to trust", shape=3)
     memory = real("m", "delayed sums of the sections", shape=(2 * SECTIONS, 3))
 
@@ -114,4 +111,4 @@ def step(p: Params, u: In, x: X, T: float, derived: Cut) -> tuple[X, Out]:
     return following, Out(tremor=derived.behind * cut)
 
 
-MODEL = Model("Shelving", step, Params, In, X, Out, sample_period=1e-3, derived=Cut, derive=derive)
+MODEL = Model.of_step("Shelving", step, sample_period=1e-3, derive=derive)

@@ -55,14 +55,13 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Outputs, State
 from fmu_src.kit.functions import by_elements
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, boolean, real
+from fmu_src.kit.records import Derived, real
 from fmu_src.math import phasors, zero_phase
-from fmu_src.math.pairwise import total
+from fmu_src.math.pairwise import pairwise_sum
 from fmu_src.tremor import blocks
-from fmu_src.tremor.ports import In
+from fmu_src.tremor.ports import HORIZON, CountedMotion, In, Out
 
 SAMPLE_PERIOD = 1e-3
 STRIDE = 4
@@ -76,15 +75,15 @@ EVERY = 100
 PRIOR = 0.02
 """Length of motion that the prior stands for [s]."""
 PRIOR_CORNER = 1.0
-"""Of the prior's velocity [Hz]."""
+"""Corner of the prior's velocity [Hz]."""
 LEARNING = 1.5
 """Time in which the output fades in [s]."""
 FADING = 0.97
-"""Of a velocity from stride to stride where the position cannot be trusted."""
+"""Share of a velocity that is left from stride to stride where the position cannot be trusted."""
 SWING_MEMORY = 1.0
 """Time in which the largest second difference is forgotten [s]."""
 LARGEST = 1.5
-"""Of the output, over the largest tremor that the second differences leave room for."""
+"""Largest output, over the largest tremor that the second differences leave room for."""
 LEAST_MOVE = 1e-9
 """Second difference below which nothing moves [m]."""
 SIZE = OWN + 2 * CROSS
@@ -92,7 +91,7 @@ AXES = 3
 LANES = 4
 """Sums that an inner product is summed up in at once, so that none waits for all terms before."""
 BLOCK = 7
-"""Of the least squares' equations, which are solved block by block: it divides SIZE."""
+"""Size of a block of the least squares' equations, solved block by block: it divides SIZE."""
 
 
 class Learning(zero_phase.Band):
@@ -102,17 +101,15 @@ class Learning(zero_phase.Band):
 
 
 class Params(Learning):
-    """The same, and what lies between the tip and the position that comes in."""
+    """Band and memory, horizon, and wash-out of the position that comes in."""
 
-    horizon = real("s", "h T_s, how far ahead the tremor is wanted", min=0.0, max=0.05)
+    horizon: Any = HORIZON
     wash_out: Any = zero_phase.WASH_OUT
 
 
-class X(State):
+class X(CountedMotion):
     """Memory of the motion, and what has been learnt of it."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     seen = real("s", "time that has been learnt from, up to the time of learning")
     count = real(None, "samples since the coefficients were computed", min=0.0, max=EVERY)
     unrest = real("m2", "mean square of second differences", shape=3)
@@ -121,12 +118,6 @@ class X(State):
     correlation = real("m2", "R", shape=(OWN + 1, AXES**2), listed=False)
     coefficients = real(None, "A", shape=(SIZE, AXES), listed=False)
     fold = real(None, "forecast, by velocities", shape=(OWN, AXES**2), listed=False)
-
-
-class Out(Outputs):
-    """What is found."""
-
-    tremor = real("m", "tremor along each axis, a horizon ahead", shape=3, axes="xyz")
 
 
 class Weights(Derived):
@@ -166,7 +157,7 @@ def weights(p: Learning, horizon: Any, undo: Callable[[Any], phasors.Pair], T: f
 def inner(one: Any, other: Any) -> Any:
     """Return the inner product of two columns."""
     products = one * other
-    return total(ca.vertcat(*(ca.sum1(products[lane::LANES]) for lane in range(LANES))))
+    return pairwise_sum(ca.vertcat(*(ca.sum1(products[lane::LANES]) for lane in range(LANES))))
 
 
 def others(axis: int) -> list[int]:
@@ -365,7 +356,7 @@ def found(derived: Weights, motion: Any, swung: Any, seen: Any, x: X) -> Any:
     return seen / LEARNING * ca.fmax(-limit, ca.fmin(limit, ca.vertcat(*tremor)))
 
 
-def answer(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
+def estimate_outputs(derived: Weights, position: Any, valid: Any, x: X, T: float) -> Out:
     """Return the outputs of `estimate` alone."""
     _, motion = moved(position, valid, x)
     swung = swing(velocities(motion), x, T)
@@ -441,21 +432,11 @@ def step(p: Params, u: In, x: X, T: float, derived: Weights) -> tuple[X, Out]:
     return estimate(derived, u.position, u.valid, x, T)
 
 
-def outputs(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
+def output_function(p: Params, u: In, x: X, T: float, derived: Weights) -> Out:
     """Return the outputs of a sample alone."""
-    return answer(derived, u.position, u.valid, x, T)
+    return estimate_outputs(derived, u.position, u.valid, x, T)
 
 
-MODEL = Model(
-    "VarForecaster",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=SAMPLE_PERIOD,
-    derived=Weights,
-    derive=derive,
-    matrix=True,
-    answer=outputs,
+MODEL = Model.of_step(
+    "VarForecaster", step, SAMPLE_PERIOD, derive=derive, matrix=True, answer=output_function
 )

@@ -32,9 +32,9 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Outputs, Parameters, State
+from fmu_src.kit import Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Inputs, real
+from fmu_src.kit.records import Inputs, real, vector
 from fmu_src.tremor import flc
 
 
@@ -52,9 +52,9 @@ class WflcParams(Parameters):
 
 
 class In(Inputs):
-    """What holds the tone."""
+    """Position that holds the tone."""
 
-    position = real("m", "s, prefiltered position", shape=3, axes="xyz", min=-1.0, max=1.0)
+    position = vector("m", "s, prefiltered position", within=1.0)
 
 
 class WflcState(State):
@@ -65,11 +65,10 @@ class WflcState(State):
     weights = real("m", "w, Fourier coefficients", shape=(2 * flc.HARMONICS, 3))
 
 
-class Out(Outputs):
-    """The tone."""
+class Out(flc.Out):
+    """The tone, and its frequency."""
 
-    tremor = real("m", "y, the tone in the position", shape=3, axes="xyz")
-    frequency = real("Hz", "f, its frequency", shape=3, axes="xyz")
+    frequency = vector("Hz", "f, its frequency")
 
 
 def frequency(p: WflcParams, x: WflcState) -> ca.SX:
@@ -116,4 +115,4 @@ def step(p: WflcParams, u: In, x: WflcState, T: float) -> tuple[WflcState, Out]:
     )
 
 
-MODEL = Model("Wflc", step, WflcParams, In, WflcState, Out, sample_period=1e-3)
+MODEL = Model.of_step("Wflc", step, sample_period=1e-3)

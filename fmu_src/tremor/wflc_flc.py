@@ -39,9 +39,10 @@ from typing import Any
 import casadi as ca
 import numpy as np
 
-from fmu_src.kit import Parameters, State
+from fmu_src.kit import Parameters
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import boolean, real
+from fmu_src.kit.records import real, vector
+from fmu_src.math import phasors
 from fmu_src.math.elliptic import EllipticState, band_pass
 from fmu_src.tremor import flc, ports, wflc
 from fmu_src.tremor.ports import HORIZON, WASH_OUT, In
@@ -60,11 +61,9 @@ class WflcFlcParams(Parameters):
     horizon: Any = HORIZON
 
 
-class WflcFlcState(State):
+class WflcFlcState(ports.CountedMotion):
     """Memories of the filters."""
 
-    tracked = boolean("whether the last position could be trusted")
-    origin = real("m", "position from which motion is counted", shape=3)
     motion = real("m", "position less origin, held while there is none to trust", shape=3)
     high = real("m", "memory of the high-pass", shape=(HIGH_PASS_ORDER, 3))
     prefilter: Any = EllipticState
@@ -75,7 +74,7 @@ class WflcFlcState(State):
 class Out(ports.Out):
     """The tremor, and its frequency."""
 
-    frequency = real("Hz", "f, its frequency", shape=3, axes="xyz")
+    frequency = vector("Hz", "f, its frequency")
 
 
 def estimate(
@@ -90,9 +89,7 @@ def estimate(
         x: state.
         T: sample period [s].
     """
-    origin = ca.if_else(x.tracked, x.origin, position - x.motion)
-    motion = ca.if_else(valid, position - origin, x.motion)
-
+    motion, origin = phasors.count(position, valid, x.motion, x)
     prefilter, band = band_pass(motion, x.prefilter, T)
     tuned, regressor = wflc.follow(p.wflc, band, valid, x.wflc, T)
     f = wflc.frequency(p.wflc, tuned)
@@ -164,4 +161,4 @@ def step(p: WflcFlcParams, u: In, x: WflcFlcState, T: float) -> tuple[WflcFlcSta
     return estimate(p, u.position, u.valid, x, T)
 
 
-MODEL = Model("WflcFlc", step, WflcFlcParams, In, WflcFlcState, Out, sample_period=1e-3)
+MODEL = Model.of_step("WflcFlc", step, sample_period=1e-3)

@@ -32,7 +32,7 @@ TRIAD = np.hstack([np.eye(3), np.zeros((3, 3))])
 def corrected(q, b, P, residual, V):
     """(q, b, P, normalised innovation squared) after an attitude measured by TRIAD."""
     done = filters.correct(P, residual, ca.SX(ca.DM(TRIAD)), V)
-    return filters.moved(q, done.change), b + done.change[3:], done.P, done.squared
+    return filters.moved(q, done.change), b + done.change[3:], done.P, done.nis
 
 
 CORRECT = function(corrected, 4, 3, (6, 6), 3, (3, 3))

@@ -6,7 +6,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
-from fmu_src.estimation.em_ekf import MODEL, SPACE, coils, tracker_residual
+from fmu_src.estimation.em_ekf.model import MODEL
+from fmu_src.estimation.em_ekf.state import SPACE, coils, tracker_residual
 from fmu_src.kit.runner import Runner
 from fmu_src.pack.compiled_runner import CompiledRunner
 from tests.estimation.motions import (

@@ -13,7 +13,7 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 
 from fmu_src.estimation import optical_inertial_ekf, optical_inertial_ukf
-from fmu_src.estimation.optical_inertial import SPACE, Nominal
+from fmu_src.estimation.optical_inertial.state import SPACE, Nominal
 from fmu_src.pack.compiled_runner import CompiledRunner
 from tests.estimation.handheld import (
     GRAVITY,

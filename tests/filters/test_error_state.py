@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from fmu_src.errors import SteadytipError
 from fmu_src.filters.error_space import Space
-from fmu_src.filters.error_state import Extended, Unscented, chosen, root
+from fmu_src.filters.error_state import Extended, Unscented, lazy_update, root
 from fmu_src.kit import State
 from fmu_src.kit.records import real
 from fmu_src.math import rotations
@@ -267,7 +267,7 @@ def test_what_is_not_chosen_stays() -> None:
         return 2 * a, a + b, b[0]
 
     for condition, wanted in ((1.0, (2.0, 4.0, 3.0)), (0.0, (1.0, 3.0, 0.0))):
-        results = numbers(lambda c, a, b: chosen(c, double, a, b), condition, [1.0], [3.0])
+        results = numbers(lambda c, a, b: lazy_update(c, double, a, b), condition, [1.0], [3.0])
         assert tuple(float(r[0, 0]) for r in results) == wanted
 
 

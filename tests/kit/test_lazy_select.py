@@ -6,13 +6,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fmu_src.kit.lazy_select import either
+from fmu_src.kit.lazy_select import lazy_select
 from fmu_src.math import pairwise as pairs
 
 
 def _chosen() -> ca.Function:
     condition, x, M = ca.SX.sym("condition"), ca.SX.sym("x", 2), ca.SX.sym("M", 2, 2)
-    results = either(
+    results = lazy_select(
         "turn",
         condition,
         lambda x, M: [M @ x, ca.log(x[0])],
@@ -55,5 +55,5 @@ def test_its_derivative_is_that_of_the_side_chosen():
 @given(st.lists(st.floats(-1e3, 1e3), min_size=1, max_size=20))
 def test_sums_and_extremes_by_pairs(values):
     column = ca.DM(values)
-    assert float(pairs.smallest(column)) == min(values)
-    assert float(pairs.total(column)) == pytest.approx(sum(values), abs=1e-9)
+    assert float(pairs.pairwise_min(column)) == min(values)
+    assert float(pairs.pairwise_sum(column)) == pytest.approx(sum(values), abs=1e-9)

@@ -45,6 +45,16 @@ def step(p, u, x, T):
 MODEL = Model("Probe", step, Params, In, X, Out, sample_period=1e-3)
 
 
+def test_the_records_of_a_model_are_those_of_the_signature_of_its_step() -> None:
+    def annotated(p: Params, u: In, x: X, T: float) -> tuple[X, Out]:
+        return step(p, u, x, T)
+
+    model = Model.of_step("Probe", annotated, sample_period=1e-3)
+    assert model == Model("Probe", annotated, Params, In, X, Out, sample_period=1e-3)
+    with pytest.raises(SteadytipError, match="model 'Probe': annotate p, u, x, return of its step"):
+        Model.of_step("Probe", step, sample_period=1e-3)
+
+
 def test_names_are_structured_inside_and_plain_on_ports() -> None:
     names = {group: [s.name for s in scalars] for group, scalars in MODEL.variables.items()}
     assert names["parameter"][:3] == ["gain", "matrix[1,1]", "matrix[2,1]"]

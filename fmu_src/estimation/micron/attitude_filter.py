@@ -91,18 +91,18 @@ def predict_covariance(P: Any, w: Any, W: Any, T: float) -> ca.SX:
 
 
 class Correction(NamedTuple):
-    """What a measurement leaves behind.
+    """Result of a correction.
 
     Attributes:
         change: of (dtheta, b), (6,).
         P: covariance, (6, 6).
-        squared: normalised innovation squared, whether taken in or not.
+        nis: normalised innovation squared, whether taken in or not.
         taken: whether it was taken in.
     """
 
     change: ca.SX
     P: ca.SX
-    squared: ca.SX
+    nis: ca.SX
     taken: ca.SX
 
 
@@ -131,13 +131,13 @@ def correct(
     """
     S = H @ P @ H.T + V
     S_inverse = 1 / S if S.shape == (1, 1) else ca.inv_minor(S)
-    squared = ca.dot(residual, S_inverse @ residual)
-    taken = ca.logic_and(usable, squared <= gate**2)
+    nis = ca.dot(residual, S_inverse @ residual)
+    taken = ca.logic_and(usable, nis <= gate**2)
     K = taken * (P @ H.T @ S_inverse)
     if onto is not None:
         K = onto @ K
     A = ca.SX.eye(6) - K @ H
-    return Correction(K @ residual, _mirrored(_half(A, P) + _half(K, V)), squared, taken)
+    return Correction(K @ residual, _mirrored(_half(A, P) + _half(K, V)), nis, taken)
 
 
 def _half(A: Any, P: Any) -> ca.SX:

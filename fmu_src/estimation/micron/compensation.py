@@ -51,7 +51,7 @@ LEAST_SCALE = 0.1
 LEAST_TEMPERATURE, MOST_TEMPERATURE = -40.0, 125.0
 """Range of the sensors by their data sheet [degC]."""
 REFERENCE_TEMPERATURE = 22.0
-"""Of the room in A04 3.2.1.5 [degC]."""
+"""Temperature of the room in A04 3.2.1.5 [degC]."""
 _TRIOS = ((0, 5, 1), (4, 2, 3))
 """Channels that sense x, y, z: (3.17a), (3.17b)."""
 _THERMAL = 4e-3  # 1/K, keeps 1 + e dt above 0.3 over the sensors' range
@@ -71,7 +71,7 @@ def neighbours(channel: int) -> tuple[int, tuple[int, int]]:
 
 
 def _drift(unit: str, what: str, shape: int, most: float) -> Any:
-    return real(unit, what, shape=shape, min=-most, max=most)
+    return real(unit, what, shape=shape, within=most)
 
 
 class Accelerometer(Parameters):
@@ -97,28 +97,22 @@ class Accelerometer(Parameters):
     lag: Any = kinematics.LAG
     zero_drift = _drift("V/K", "v, change of the zero with temperature", 6, 0.1)
     scale_drift = _drift("1/K", "e, relative change of the scale with temperature", 6, _THERMAL)
-    in_plane = real(
-        None, "p_1, share of the chip's other axis in the output", shape=6, min=-0.3, max=0.3
-    )
-    in_plane_squared = real("s2/m", "p_2, the same of its square", shape=6, min=-0.05, max=0.05)
-    out_of_plane = real(
-        None, "q_1, share of the axis out of the chip's plane", shape=6, min=-0.3, max=0.3
-    )
-    out_of_plane_squared = real("s2/m", "q_2, the same of its square", shape=6, min=-0.05, max=0.05)
+    in_plane = real(None, "p_1, share of the chip's other axis in the output", shape=6, within=0.3)
+    in_plane_squared = real("s2/m", "p_2, the same of its square", shape=6, within=0.05)
+    out_of_plane = real(None, "q_1, share of the axis out of the chip's plane", shape=6, within=0.3)
+    out_of_plane_squared = real("s2/m", "q_2, the same of its square", shape=6, within=0.05)
     scale_slope = real(
         "s2/m",
         "r_1, relative change of the scale with the axis out of the chip's plane",
         shape=6,
-        min=-0.05,
-        max=0.05,
+        within=0.05,
     )
-    scale_curvature = real("s4/m2", "r_2, the same with its square", shape=6, min=-5e-3, max=5e-3)
+    scale_curvature = real("s4/m2", "r_2, the same with its square", shape=6, within=5e-3)
     misalignment = real(
         None,
         "components of the sensing axis along the two other axes of B, in the order x, y, z",
         shape=(6, 2),
-        min=-0.3,
-        max=0.3,
+        within=0.3,
     )
 
 
@@ -146,13 +140,12 @@ class Magnetometer(Parameters):
         "components of the sensing axis along the two other axes of B, in the order x, y, z;"
         " soft iron is in it",
         shape=(3, 2),
-        min=-0.3,
-        max=0.3,
+        within=0.3,
     )
 
 
 class Thermometer(Parameters):
-    """What temperature the parameters are of."""
+    """Temperature at which the parameters hold."""
 
     reference = real(
         "degC",
@@ -174,7 +167,7 @@ TEMPERATURE = real(
 
 
 class Alignment(Derived):
-    """What follows from the parameters alone."""
+    """Inverses of the sensing axes, computed from the parameters."""
 
     trio_1 = real(None, "Theta^-1 of a1x, a3y, a1z", shape=(3, 3))
     trio_2 = real(None, "Theta^-1 of a3x, a2y, a2z", shape=(3, 3))

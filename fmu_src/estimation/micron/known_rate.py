@@ -14,7 +14,7 @@ from fmu_src.estimation.micron.prediction import Prediction, Turn
 from fmu_src.estimation.micron.sample import Sample
 from fmu_src.estimation.micron.start import Start
 from fmu_src.estimation.micron.vertical import Vertical
-from fmu_src.kit.lazy_select import either
+from fmu_src.kit.lazy_select import lazy_select
 
 TURN = 0.3
 """Time that a hand turns one way [s]."""
@@ -92,7 +92,7 @@ def correct_rate(
     )
     of_all = ca.logic_or(at_rest, ca.logic_not(ca.logic_or(seen_level, seen_north)))
     of_up = ca.logic_and(ca.logic_not(of_all), seen_level)
-    P, by_rate = either(
+    P, by_rate = lazy_select(
         "rate_known",
         ca.logic_and(
             start.going,

@@ -60,7 +60,7 @@ from fmu_src.estimation.micron.vertical import Vertical, correct_tilt
 from fmu_src.filters import triad
 from fmu_src.kit import Outputs, Parameters, State
 from fmu_src.kit.model import Model
-from fmu_src.kit.records import Derived, Inputs, boolean, integer, real
+from fmu_src.kit.records import Derived, Inputs, boolean, integer, quaternion, real, vector
 from fmu_src.math import rotations
 
 ZERO_MEMORY = 5.0
@@ -71,9 +71,9 @@ class Params(Parameters):
     """Everything that is known beforehand."""
 
     geometry: Any = kinematics.Layout
-    accelerometer = compensation.Accelerometer
-    magnetometer = compensation.Magnetometer
-    thermometer = compensation.Thermometer
+    accelerometer: Any = compensation.Accelerometer
+    magnetometer: Any = compensation.Magnetometer
+    thermometer: Any = compensation.Thermometer
     gravity = real("m/s2", "gravity at the site", start=design.SITE_GRAVITY, min=1.0, max=20.0)
     method = integer("alpha by: 0 linear solution, 1 nonlinear least squares", min=0, max=1)
     roll_density = real(
@@ -136,14 +136,14 @@ class Params(Parameters):
 
 
 class Gains(Derived):
-    """What follows from the parameters alone."""
+    """Gains and noise, computed from the parameters."""
 
     rate_gain = real("1/m", "from A_D to alpha", shape=(3, 3))
     rate_noise = real("rad2/s2", "Xi_w, covariance of the rate's white part", shape=(3, 3))
     bias_noise = real("rad2/s2", "Xi_b, covariance that one sample adds to the bias", shape=(3, 3))
     integrator = real(None, "tip motion, state matrix", shape=(3, 3))
     integrator_input = real(None, "tip motion, input column", shape=3)
-    alignment = compensation.Alignment
+    alignment: Any = compensation.Alignment
 
 
 class In(Inputs):
@@ -168,7 +168,7 @@ class X(State):
     age = real("s", "time since the start")
     started = boolean("a first sample is past")
     confirmed = boolean("a second one agrees with it")
-    q = real(None, "attitude q_WB", shape=4, start=(1, 0, 0, 0))
+    q = quaternion("attitude q_WB")
     w_i = real("rad/s", "integral of alpha", shape=3)
     b = real("rad/s", "bias of w_I", shape=3)
     zero = real("m/s2", "A_D at rest", shape=3)
@@ -185,22 +185,22 @@ class X(State):
     agitation = real("m2/s4", "A, mean square of the hand's acceleration, for an axis")
     off_vertical = real("s", "time without a vertical")
     outage = real("s", "time without a usable specific force")
-    channels = plausibility.Channels
-    field = plausibility.Field
-    rest = plausibility.Rest
+    channels: Any = plausibility.Channels
+    field: Any = plausibility.Field
+    rest: Any = plausibility.Rest
 
 
 class Out(Outputs):
     """Pose, tip motion, compensated channels, and how far to believe them."""
 
-    attitude = real(None, "attitude q_WB", shape=4, axes="wxyz", start=(1, 0, 0, 0))
-    rate = real("rad/s", "body rate in B, bias removed", shape=3, axes="xyz")
-    rate_bias = real("rad/s", "bias of the integrated rate in B", shape=3, axes="xyz")
-    tip_acceleration = real("m/s2", "tip acceleration in W without gravity", shape=3, axes="xyz")
-    tip_velocity = real("m/s", "tip velocity in W, washed out", shape=3, axes="xyz")
-    tip_displacement = real("m", "tip displacement in W, washed out", shape=3, axes="xyz")
+    attitude = quaternion("attitude q_WB")
+    rate = vector("rad/s", "body rate in B, bias removed")
+    rate_bias = vector("rad/s", "bias of the integrated rate in B")
+    tip_acceleration = vector("m/s2", "tip acceleration in W without gravity")
+    tip_velocity = vector("m/s", "tip velocity in W, washed out")
+    tip_displacement = vector("m", "tip displacement in W, washed out")
     valid = boolean("the outputs may be used")
-    innovation = real("rad", "attitude measured minus predicted, in B", shape=3, axes="xyz")
+    innovation = vector("rad", "attitude measured minus predicted, in B")
     innovation_squared = real(
         None,
         "normalised innovation squared of what was taken in; its mean is innovation_size when the"
@@ -210,22 +210,18 @@ class Out(Outputs):
     innovation_size = real(
         None, "degrees of freedom that were taken in: vertical 2, north 1", min=0.0, max=3.0
     )
-    attitude_sigma = real(
-        "rad", "standard deviation of the attitude error in B", shape=3, axes="xyz", min=0.0
-    )
-    rate_bias_sigma = real(
-        "rad/s", "standard deviation of the rate's bias in B", shape=3, axes="xyz", min=0.0
-    )
+    attitude_sigma = vector("rad", "standard deviation of the attitude error in B", min=0.0)
+    rate_bias_sigma = vector("rad/s", "standard deviation of the rate's bias in B", min=0.0)
     magnetic_disturbance = boolean("the field is not believed, and north is not corrected")
     acceleration_disturbance = boolean("the hand accelerates: the vertical counts less or nothing")
     at_rest = boolean("the instrument rests")
     frozen = boolean("a channel repeats itself to the bit")
     clipped = boolean("a channel is at the end of its range")
     force = real("m/s2", "compensated specific force", shape=6, axes=kinematics.CHANNELS)
-    field = real(None, "unit magnetic field in B", shape=3, axes="xyz")
+    field = vector(None, "unit magnetic field in B")
 
 
-def derive(p: Any, T: float) -> Gains:
+def derive(p: Params, T: float) -> Gains:
     """Return gains and noise that hold as long as the parameters do."""
     S_A, S_r = densities(p)
     geometry = kinematics.Geometry.of(p.geometry)
@@ -253,7 +249,7 @@ def derive(p: Any, T: float) -> Gains:
     )
 
 
-def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
+def step(p: Params, u: In, x: X, T: float, derived: Gains) -> tuple[X, Out]:
     """Return state and outputs after one sample of the sensors."""
     s = compensate(p, u, x, derived.alignment)
     start = follow_start(p, s, x, T)
@@ -302,7 +298,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
         taken[0] * tilt.residual,
         taken[1] * (north.residual - north.H[:2] @ tilt.residual),
     )
-    squared = taken[0] * tilt.correction.squared + taken[1] * north.correction.squared
+    nis = taken[0] * tilt.correction.nis + taken[1] * north.correction.nis
     return state, Out(
         attitude=rotations.canonical(q),
         rate=turn.rate_measured - b,
@@ -312,7 +308,7 @@ def step(p: Any, u: Any, x: Any, T: float, derived: Any) -> tuple[X, Out]:
         tip_displacement=tip.displacement,
         valid=_valid(p, s, start, turn, before, tilt, P, outage),
         innovation=before.R.T @ used,
-        innovation_squared=ca.fmax(squared, 0),
+        innovation_squared=ca.fmax(nis, 0),
         innovation_size=2 * taken[0] + taken[1],
         attitude_sigma=ca.sqrt(ca.fmax(ca.diag(P)[:3], 0)),
         rate_bias_sigma=ca.sqrt(ca.fmax(ca.diag(P)[3:], 0)),
@@ -359,14 +355,4 @@ def _valid(
     )
 
 
-MODEL = Model(
-    "MicronEstimator",
-    step,
-    Params,
-    In,
-    X,
-    Out,
-    sample_period=1e-3,
-    derived=Gains,
-    derive=derive,
-)
+MODEL = Model.of_step("MicronEstimator", step, sample_period=1e-3, derive=derive)

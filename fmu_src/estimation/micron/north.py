@@ -59,7 +59,7 @@ def correct_heading(
         gates.sigma,
         ca.if_else(p.decoupled, before.heading, ca.SX.eye(6)),
     )
-    believed = ca.logic_and(as_it_was, correction.squared <= gates.sigma**2)
+    believed = ca.logic_and(as_it_was, correction.nis <= gates.sigma**2)
     state = plausibility.follow_field(
         s.strength, dip, start.dip, heard, s.dead_field, believed, start.anew, x.age, gates,
         x.field, T,

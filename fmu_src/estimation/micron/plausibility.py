@@ -1,4 +1,4 @@
-"""What of the inertial sensors may be believed: frozen and clipped channels, field, rest.
+"""Plausibility of the inertial sensors: frozen and clipped channels, field, rest.
 
 | symbol | meaning |
 | --- | --- |
@@ -26,19 +26,19 @@ from fmu_src.kit import Parameters, State
 from fmu_src.kit.records import integer, real
 
 ACCELEROMETERS = 6
-"""Of the nine channels, the first ones."""
+"""Number of accelerometers, the first of the nine channels."""
 RAIL = 0.02
 """Volts from either end of the converter that are taken for the end itself."""
 FIELD_MEMORY = 20.0
 """Time constant by which the undisturbed field is followed [s]."""
 OTHER_MEMORY = 1.0
-"""The same of the field that is there now, to tell whether it keeps steady [s]."""
+"""Time constant by which the present field is followed, to see if it keeps steady [s]."""
 REST_MEMORY = 0.5
 """Time constant of slow means and mean squares in the detection of rest [s]."""
 
 
 class Gates(Parameters):
-    """When a measurement is not taken in, and when the outputs are not valid."""
+    """Limits beyond which a measurement is not taken in, or the outputs are not valid."""
 
     sigma = real(
         None,
@@ -176,7 +176,7 @@ class Gates(Parameters):
 
 
 class Channels(State):
-    """Whether the channels live."""
+    """Memory by which frozen channels are found."""
 
     volts = real("V", "of the last sample", shape=9, start=-1.0)
     same = real(None, "how often it came again", shape=9)
@@ -195,7 +195,7 @@ class Field(State):
 
 
 class Rest(State):
-    """Whether the instrument rests."""
+    """Memory by which rest is found."""
 
     slow = real(None, "slow means of force, differences and field", shape=(3, 3))
     square = real(None, "r^2 of the three, for an axis", shape=3)

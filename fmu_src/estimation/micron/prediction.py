@@ -9,7 +9,7 @@ from fmu_src.device import sensing_kinematics as kinematics
 from fmu_src.estimation.micron import attitude_filter
 from fmu_src.estimation.micron.sample import Sample
 from fmu_src.estimation.micron.start import Start
-from fmu_src.kit.lazy_select import either
+from fmu_src.kit.lazy_select import lazy_select
 from fmu_src.math import rotations
 
 FADING = 0.02
@@ -24,7 +24,7 @@ def fade(T: float) -> float:
 
 
 class Turn(NamedTuple):
-    """What the accelerometers say of the rotation.
+    """Rotation by the accelerometers.
 
     Attributes:
         usable: whether the specific forces of this sample are used.
@@ -85,7 +85,7 @@ def sense_turn(p: Any, s: Sample, start: Start, x: Any, T: float, rate_gain: Any
         (samples * x.zero + s.A_D) / (samples + 1),
         ca.if_else(ca.logic_and(start.anew, p.settling > 0), s.A_D, x.zero),
     )
-    (sensed,) = either(
+    (sensed,) = lazy_select(
         "angular_acceleration",
         p.method == 0,
         lambda gain, left, *_: [gain @ left],

@@ -14,7 +14,7 @@ AGREEMENT = np.radians(10.0)
 
 
 class Start(NamedTuple):
-    """Whether the filter runs.
+    """Start of the filter, and whether it goes on.
 
     Attributes:
         z: TRIAD's attitude of this sample, (4,).

@@ -77,7 +77,7 @@ def _recorded(model: Model, slope: bool) -> dict[str, ca.Function]:
     found = {}
     recorded = {"step": model.step_function, "derive": model.derive_function}
     if slope:
-        recorded["slope"] = model.slope_function
+        recorded["slope"] = model.directional_derivative
     for name, function in recorded.items():
         # Never plain `step`: glibc exports a function of that name.
         called = f"{model.name}_{name}"
@@ -200,7 +200,7 @@ def header(model: Model, guid: str) -> str:
     first = len(every) - sizes["Y"] - sizes["X"]
     spans = _spans(every[first:], first)
     start = "start" if model.starts_apart else "step"
-    latches = model.latches
+    latches = model.initial_latches
     lines = [
         "/* Generated from the model's records; do not edit. */",
         "#include <float.h>",
@@ -212,7 +212,7 @@ def header(model: Model, guid: str) -> str:
         *([f"#define MODEL_SLOPE {model.name}_slope"] if model.derivatives else []),
         *(f"#define N_{letter} {size}" for letter, size in sizes.items()),
         f"#define N_R {model.draws}",
-        f"#define N_STREAMS {len(model.streams)}",
+        f"#define N_STREAMS {len(model.noise_streams)}",
         f"#define N_SPANS {len(spans)}",
         f"#define N_LATCHES {len(latches)}",
         *(f"#define {name} {size}" for name, size in work.items()),
@@ -229,7 +229,7 @@ def header(model: Model, guid: str) -> str:
         '    {"", "", STRING, 0, 0, 0, 0, ""}',
         "};",
         "/* Where the seed of a stream of draws lies, and how many it gives a sample. */",
-        _pairs("STREAM", model.streams),
+        _pairs("STREAM", model.noise_streams),
         "/* Runs of computed values that have limits, or none. */",
         "static const struct { int from, to, loose; } SPAN[N_SPANS + 1] = {",
         *(f"    {{{', '.join(map(str, span))}}}," for span in spans),

@@ -187,7 +187,7 @@ def _structure(root: etree._Element, model: Model) -> None:
     through_derived = _rows(model.step_function.jac_sparsity(1, 1), first_derived)
     derived_of = _rows(model.derive_function.jac_sparsity(0, 0), 1)
     of_draws = _rows(model.step_function.jac_sparsity(1, 4), 0)
-    seeds = [seed + 1 for seed, count in model.streams for _ in range(count)]
+    seeds = [seed + 1 for seed, count in model.noise_streams for _ in range(count)]
 
     structure = etree.SubElement(root, "ModelStructure")
     if groups["output"]:

@@ -35,7 +35,7 @@ from scipy.spatial.transform import Rotation
 
 from fmu_src.device import design
 from fmu_src.errors import SteadytipError
-from fmu_src.estimation.em_ekf import MODEL
+from fmu_src.estimation.em_ekf.model import MODEL
 from harness.common.types import FloatArray
 from harness.identify.hand_eye.read import FEWEST, LARGEST_LAG, TrackedMotion
 from harness.identify.parameter_files import write_parameters

@@ -13,7 +13,8 @@ from typing import Any
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from fmu_src.estimation import em_ekf, optical_ekf
+from fmu_src.estimation import optical_ekf
+from fmu_src.estimation.em_ekf import model as em_ekf
 from fmu_src.kit.model import Model
 from fmu_src.pack.compiled_runner import CompiledRunner
 from harness.common.types import FloatArray

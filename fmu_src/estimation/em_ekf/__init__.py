@@ -1,0 +1,1 @@
+"""Attitude from an electromagnetic tracker and an inertial unit."""

@@ -1,0 +1,1 @@
+"""Pose from an optical tracker and an inertial unit, by either filter."""
