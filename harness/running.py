@@ -39,7 +39,7 @@ class HilSession(Protocol):
     """What there is beside a loop that keeps to the wall clock."""
 
     @property
-    def pace(self) -> RealTimeClock:
+    def clock(self) -> RealTimeClock:
         """Clock of the ticks."""
 
     @property
@@ -50,11 +50,11 @@ class HilSession(Protocol):
         """End everything else now that the loop has ended.
 
         Returns:
-            More facts about the run, JSON types only.
+            More metadata of the run, JSON types only.
         """
 
     def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
-        """More columns of the record, a row for each tick, and facts that follow from them."""
+        """More columns of the record, a row for each tick, and metadata that follow from them."""
 
 
 def run(
@@ -108,7 +108,7 @@ def perform(
     system: System,
     folder: Path,
     *,
-    rig: HilSession | None = None,
+    session: HilSession | None = None,
     csv: bool = False,
     report: bool = True,
     status: Callable[[str], None] = lambda _: None,
@@ -119,7 +119,7 @@ def perform(
     Args:
         system: parts and their wiring.
         folder: for the results.
-        rig: what there is beside the loop: the wall clock, a board.
+        session: what there is beside the loop: the wall clock, a board.
         csv: write the signals as CSV, too.
         report: write `report.html`.
         status: told in a few words what is being done.
@@ -128,7 +128,7 @@ def perform(
     Raises:
         RunError: the run ended early; its `result` holds what was recorded until then.
     """
-    if rig is not None and system.events:
+    if session is not None and system.events:
         raise SteadytipError(
             f"{system.scenario.name}: 'change' and 'fault' in the middle of a run are not for the "
             "wall clock; take them out"
@@ -137,16 +137,16 @@ def perform(
         status(note)
     metadata = metadata_of(system)
     step = system.scenario.step_size
-    recorder = Recorder(folder, system.columns, step, metadata, patient=rig is None)
+    recorder = Recorder(folder, system.columns, step, metadata, patient=session is None)
     with tempfile.TemporaryDirectory(prefix="steadytip-", ignore_cleanup_errors=True) as workspace:
         once = RunContext(step, system.steps, Path(workspace))
-        if rig is None:
+        if session is None:
             outcome = run_segments(system, once, recorder, progress)
         else:
-            outcome = Loop(system, once, recorder, rig.pace, rig.observe).go(progress)
-    if rig is not None:
+            outcome = Loop(system, once, recorder, session.clock, session.observe).go(progress)
+    if session is not None:
         status("closing")
-        metadata = metadata.model_copy(update=rig.closed(outcome))
+        metadata = metadata.model_copy(update=session.closed(outcome))
     if outcome.ticks == 0:
         recorder.discard()
         early = outcome.error or StoppedError("stopped before the first tick")
@@ -165,9 +165,9 @@ def perform(
     error: RunError | None = outcome.error
     try:
         extra = None
-        if rig is not None:
+        if session is not None:
             recorder.close()
-            extra, more = rig.extra_columns()
+            extra, more = session.extra_columns()
             metadata = metadata.model_copy(update=more)
         result = Result(recorder.finish(metadata, csv, extra))
         if not isinstance(error, RecordError):

@@ -72,6 +72,9 @@ def test_names_of_before_say_the_new_ones() -> None:
         _ = harness.available
     with pytest.raises(AttributeError, match="has no attribute 'nothing'"):
         _ = harness.nothing
+    assert harness.sweep is importlib.import_module("harness.sweep")
+    with pytest.raises(TypeError, match=r"'harness\.sweep' is 'steadytip\.sweep' now"):
+        harness.sweep("closed_loop_sweep")
 
 
 @pytest.mark.slow

@@ -207,8 +207,8 @@ class _BoardClock:
 class _BoardSession:
     """See `harness.running.HilSession`."""
 
-    def __init__(self, pace: RealTimeClock, ring: RingWriter | None) -> None:
-        self.pace: RealTimeClock = pace
+    def __init__(self, clock: RealTimeClock, ring: RingWriter | None) -> None:
+        self.clock: RealTimeClock = clock
         self.observe = ring.append if ring is not None else None
         self._ring = ring
 
@@ -261,11 +261,11 @@ def play(
     board = system.parts[BUS]
     assert isinstance(board, BoardPart)
     board.faults, board.seed, board.drift = faults, seed, drift
-    pace = _BoardClock(board, priority, ready)
+    clock = _BoardClock(board, priority, ready)
     writer = Ring.create(ring, system.columns, scenario.step_size) if ring is not None else None
-    rig = _BoardSession(pace, writer)
+    session = _BoardSession(clock, writer)
     try:
-        return perform(system, folder, rig=rig, report=False, status=status)
+        return perform(system, folder, session=session, report=False, status=status)
     except StoppedError as ended:
         if ended.result is None:
             raise

@@ -27,7 +27,7 @@ from harness.common.types import FloatArray
 from harness.hil.ring import IntArray, Ring
 from harness.parts.ports import Column
 from harness.report.figures import SPECTRUM_WINDOW, amplitude_density
-from harness.results.metrics import Metric, Motion, intent_of, metrics_of
+from harness.results.metrics import Metric, MetricInputs, intent_of, metrics_of
 
 __all__ = [
     "MODES",
@@ -293,7 +293,7 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
             values = np.column_stack([np.interp(grid, common, each) for each in values.T])
         signals[role] = values
     step = homes["tip"].step
-    motion = Motion(
+    motion = MetricInputs(
         step,
         tip_uncompensated=signals["tip_uncompensated"],
         tip=signals["tip"],

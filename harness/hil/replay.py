@@ -142,8 +142,8 @@ class _LogClock:
 class _ReplaySession:
     """See `harness.running.HilSession`."""
 
-    def __init__(self, pace: RealTimeClock, feed: FeedPart) -> None:
-        self.pace: RealTimeClock = pace
+    def __init__(self, clock: RealTimeClock, feed: FeedPart) -> None:
+        self.clock: RealTimeClock = clock
         self.observe = None
         self._feed = feed
 
@@ -202,7 +202,7 @@ def replay(
     result = perform(
         system,
         out or log.parent / "replay",
-        rig=_ReplaySession(_LogClock(feed), feed),
+        session=_ReplaySession(_LogClock(feed), feed),
         report=report,
         status=status,
         progress=progress,

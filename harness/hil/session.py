@@ -252,7 +252,7 @@ class _LoopSession:
 
     def __init__(
         self,
-        pace: RealTimeClock,
+        clock: RealTimeClock,
         feed: FeedPart | None,
         log: FrameLog | None,
         board: _Board | _Firmware | None,
@@ -260,7 +260,7 @@ class _LoopSession:
         system: System,
         ring: RingWriter | None,
     ) -> None:
-        self.pace: RealTimeClock = pace
+        self.clock: RealTimeClock = clock
         self.observe = ring.append if ring is not None else None
         self._ring = ring
         self._system = system
@@ -285,7 +285,7 @@ class _LoopSession:
             trouble = self._board.end()
             notes += [trouble] * bool(trouble)
         node = self._feed.node if self._feed is not None else None
-        conditions = getattr(self.pace, "conditions", None)
+        conditions = getattr(self.clock, "conditions", None)
         limits = self._system.scenario.hil.limits
         return {
             "hil": {
@@ -408,11 +408,17 @@ def hil(
                 known = _signals(checked, moved=path is not None)
                 page = stack.enter_context(start_monitor(shown, known, port))
                 status(f"monitor: {page.url}")
-            rig = _rig(system, folder, board, ring)
+            session = _session(system, folder, board, ring)
             if emulated:
-                rig.injected = {"faults": list(faults), "seed": fault_seed}
+                session.injected = {"faults": list(faults), "seed": fault_seed}
             return perform(
-                system, folder, rig=rig, csv=csv, report=report, status=status, progress=progress
+                system,
+                folder,
+                session=session,
+                csv=csv,
+                report=report,
+                status=status,
+                progress=progress,
             )
 
 
@@ -468,7 +474,7 @@ def _arguments(
     return [*arguments, "--fault-seed", str(seed)]
 
 
-def _rig(
+def _session(
     system: System, folder: Path, board: _Board | _Firmware | None, ring: RingWriter | None
 ) -> _LoopSession:
     settings = system.scenario.hil

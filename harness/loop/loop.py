@@ -150,7 +150,7 @@ class Loop:
         system: System,
         run: RunContext,
         recorder: SignalSink,
-        pace: RealTimeClock | None = None,
+        clock: RealTimeClock | None = None,
         observe: Callable[[FloatArray], None] | None = None,
         since: Checkpoint | None = None,
         until: int | None = None,
@@ -161,7 +161,7 @@ class Loop:
             system: parts and their wiring.
             run: step, number of ticks, workspace.
             recorder: takes the signals of every tick.
-            pace: of the wall clock; without one, ticks follow each other at once.
+            clock: the wall clock; without one, ticks follow each other at once.
             observe: takes the signals of every tick, too.
             since: moment to go on from; the parts are in its states. The beginning if left out.
             until: tick to stop before; the end of the run if left out.
@@ -169,7 +169,7 @@ class Loop:
         self._run = run if since is None else replace(run, first=since.tick)
         self._since = since
         self._last = run.steps if until is None else until
-        self._pace = pace
+        self._clock = clock
         self._observe = observe
         self._recorder = recorder
         self._plan = plan_ticks(system)
@@ -205,8 +205,8 @@ class Loop:
                     break
             except KeyboardInterrupt:
                 self._halt()
-                if self._pace is not None:
-                    self._pace.stop()
+                if self._clock is not None:
+                    self._clock.stop()
         self._close(hung)
         error = self._error
         if error is not None and not isinstance(error, RunError):
@@ -278,25 +278,25 @@ class Loop:
             self._done.set()
 
     def _paced(self, tick: Callable[[], None]) -> None:
-        if self._pace is None:
+        if self._clock is None:
             tick()
             return
-        self._limits[:] = [min(limit, self._pace.watchdog) for limit in self._limits]
+        self._limits[:] = [min(limit, self._clock.watchdog) for limit in self._limits]
         self._limit_name = "watchdog of the wall clock"
         try:
-            self._waited(partial(self._pace.begin, self._recorder.flush_idle), 0.0)
+            self._waited(partial(self._clock.begin, self._recorder.flush_idle), 0.0)
             tick()
         finally:
-            self._pace.end()
+            self._clock.end()
 
     def _waited(self, wait: Callable[[], _T], t: float) -> _T:
         """Return what a clock says; its failure is that of the part it waits for."""
-        assert self._pace is not None
+        assert self._clock is not None
         self._now = None
         try:
             return wait()
         except FaultError as error:
-            name = self._pace.name
+            name = self._clock.name
             who = f"part '{name}'" if name else "the clock"
             raise PartError(name, t, f"{who} ended the run at t = {t:.6g} s: {error}") from None
 
@@ -326,7 +326,7 @@ class Loop:
     def _laid_out(self) -> NativeLoop | None:
         """Return the run as native calls; None where it has to go tick by tick."""
         self._now = None
-        if self._pace is not None or self._observe is not None:
+        if self._clock is not None or self._observe is not None:
             return None
         calls = native_steps(self._plan)
         if calls is None:
@@ -386,13 +386,13 @@ class Loop:
                 )
             )
         ]
-        step, finite, pace = self._run.step, math.isfinite, self._pace
+        step, finite, real_time = self._run.step, math.isfinite, self._clock
         observe = self._observe
         k, last, spanned, h = self._run.first, self._last, 1, self._run.step
         while k < last:
             t = k * step
-            if pace is not None:
-                spanned = self._waited(partial(pace.wait, k), t)
+            if real_time is not None:
+                spanned = self._waited(partial(real_time.wait, k), t)
                 if not spanned:
                     break
                 h = spanned * step

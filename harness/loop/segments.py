@@ -1,4 +1,4 @@
-"""The course of a run through all that happens in it: a loop until then, and another from there."""
+"""A run in segments, from event to event: a loop until then, and another from there."""
 
 from __future__ import annotations
 

@@ -17,7 +17,7 @@ import numpy as np
 
 from fmu_src.errors import SteadytipError
 from harness.common.errors import FaultError, nearest
-from harness.common.types import FloatArray, PortType
+from harness.common.types import PortType
 from harness.parts.ports import Port, unit_of
 from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
@@ -64,22 +64,13 @@ class RecordedPart(RowsPart):
         step = self._time[1] - self._time[0] if len(self._time) > 1 else np.inf
         self.seconds = float(len(self._time) * step)
 
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """See `Part.start`."""
+    def evaluate(self, run: RunContext) -> None:
+        """Check that the record has the step of the run; see `RowsPart.evaluate`."""
         wanted = np.arange(len(self._time)) * run.step
         if not np.allclose(self._time, wanted, rtol=0.0, atol=run.step / 10):
             raise FaultError(
                 f"{self._path} has another step than {run.step:g} s, or gaps in its time"
             )
-        self.y = y
-        self.y[:] = self.rows[0]
 
     def metadata(self) -> dict[str, Any]:
         """File and length."""

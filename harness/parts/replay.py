@@ -13,7 +13,6 @@ from typing import Any
 
 import numpy as np
 
-from harness.common.types import FloatArray
 from harness.parts.ports import Port, Unit
 from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
@@ -59,18 +58,9 @@ class ReplayPart(RowsPart):
         self._evaluated = (0, 0.0)  # number of ticks, and their period
         self.rows = np.ones((0, len(PORTS)))
 
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """Evaluate the spline at all ticks of the run; see `Part.start`."""
-        self.y = y
+    def evaluate(self, run: RunContext) -> None:
+        """Evaluate the spline at all ticks of the run; see `RowsPart.evaluate`."""
         if self._evaluated == (run.steps, run.step):
-            self.y[:] = self.rows[0]
             return
         from scipy.interpolate import make_interp_spline
 
@@ -79,7 +69,6 @@ class ReplayPart(RowsPart):
         t = np.arange(run.steps) * run.step
         self.rows = np.ones((run.steps, len(PORTS)))
         self.rows[:, :-1] = np.hstack([spline(t, nu) for nu in range(len(_VECTORS))])
-        self.y[:] = self.rows[0]
 
     def metadata(self) -> dict[str, Any]:
         """File and length."""

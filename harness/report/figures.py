@@ -14,7 +14,7 @@ from harness.common.quantities import DISPLAY
 from harness.common.types import FloatArray
 from harness.report.page import Plot
 from harness.report.plots import GREY, SERIES, chart, components, grid, layout, line, thinned
-from harness.results.metrics import TREMOR_BAND, Motion, angle_between, intent_of
+from harness.results.metrics import TREMOR_BAND, MetricInputs, angle_between, intent_of
 
 __all__ = ["SPECTRUM_WINDOW", "amplitude_density", "colour", "figures", "three_rows"]
 
@@ -33,47 +33,47 @@ _DEGREES = DISPLAY["rad"][1]
 
 
 def figures(
-    time: FloatArray, motion: Motion, stroke: FloatArray | None, delays: tuple[int, ...]
+    time: FloatArray, inputs: MetricInputs, stroke: FloatArray | None, delays: tuple[int, ...]
 ) -> Iterator[Plot]:
     """Yield all figures that the given signals allow.
 
     Args:
         time: (n,) [s].
-        motion: signals by role.
+        inputs: signals by role.
         stroke: (n, k) strokes of the actuators [m].
         delays: of the wires that carry the k voltages to the actuators [ticks].
     """
-    intent = intent_of(motion)
-    if motion.tip is not None and intent is not None:
-        curves: dict[str, FloatArray] = {"with compensation": motion.tip}
-        if motion.tip_uncompensated is not None:
-            curves = {"without compensation": motion.tip_uncompensated} | curves
-        yield _errors(time, motion.settle, curves, intent)
+    intent = intent_of(inputs)
+    if inputs.tip is not None and intent is not None:
+        curves: dict[str, FloatArray] = {"with compensation": inputs.tip}
+        if inputs.tip_uncompensated is not None:
+            curves = {"without compensation": inputs.tip_uncompensated} | curves
+        yield _errors(time, inputs.warm_up, curves, intent)
         yield _zoom(time, curves, intent)
-    if motion.tip is not None and motion.tip_uncompensated is not None:
-        spectrum = _spectra(motion.tip_uncompensated, motion.tip, motion)
+    if inputs.tip is not None and inputs.tip_uncompensated is not None:
+        spectrum = _spectra(inputs.tip_uncompensated, inputs.tip, inputs)
         if spectrum is not None:
             yield spectrum
-        attenuation = _attenuation(motion.tip_uncompensated, motion.tip, motion)
+        attenuation = _attenuation(inputs.tip_uncompensated, inputs.tip, inputs)
         if attenuation is not None:
             yield attenuation
-    if motion.actuator_voltage is not None:
-        yield _voltages(time, motion.actuator_voltage)
+    if inputs.actuator_voltage is not None:
+        yield _voltages(time, inputs.actuator_voltage)
     if (
-        motion.actuator_voltage is not None
+        inputs.actuator_voltage is not None
         and stroke is not None
-        and stroke.shape == motion.actuator_voltage.shape
+        and stroke.shape == inputs.actuator_voltage.shape
     ):
-        yield _hysteresis(motion, motion.actuator_voltage, stroke, delays)
-    if motion.attitude_true is not None and motion.attitude_estimated is not None:
-        angle = angle_between(motion.attitude_true, motion.attitude_estimated) * _DEGREES
+        yield _hysteresis(inputs, inputs.actuator_voltage, stroke, delays)
+    if inputs.attitude_true is not None and inputs.attitude_estimated is not None:
+        angle = angle_between(inputs.attitude_true, inputs.attitude_estimated) * _DEGREES
         text = "Angle of the rotation from the true to the estimated attitude"
-        yield _estimated(time, motion.settle, angle, ("Attitude error", "angle, deg", text))
-    if motion.position_true is not None and motion.position_estimated is not None:
-        difference = motion.position_estimated - motion.position_true
+        yield _estimated(time, inputs.warm_up, angle, ("Attitude error", "angle, deg", text))
+    if inputs.position_true is not None and inputs.position_estimated is not None:
+        difference = inputs.position_estimated - inputs.position_true
         distance = np.linalg.norm(difference, axis=1) * _MICRO
         text = "Distance of the estimated position from the true one"
-        yield _estimated(time, motion.settle, distance, ("Position error", "distance, µm", text))
+        yield _estimated(time, inputs.warm_up, distance, ("Position error", "distance, µm", text))
 
 
 def three_rows(x_title: str, y_title: str) -> go.Figure:
@@ -97,16 +97,16 @@ def _three_axes(time: FloatArray, curves: Mapping[str, FloatArray]) -> go.Figure
 
 
 def _errors(
-    time: FloatArray, settle: float, curves: Mapping[str, FloatArray], intent: FloatArray
+    time: FloatArray, warm_up: float, curves: Mapping[str, FloatArray], intent: FloatArray
 ) -> Plot:
-    after = time >= settle if (time >= settle).any() else slice(None)
+    after = time >= warm_up if (time >= warm_up).any() else slice(None)
     errors = {name: (tip - intent) * _MICRO for name, tip in curves.items()}
     figure = _three_axes(
         time, {name: error - error[after].mean(axis=0) for name, error in errors.items()}
     )
-    if settle > 0.0:
+    if warm_up > 0.0:
         figure.add_vrect(
-            0.0, min(settle, time[-1]), fillcolor="#999999", opacity=0.15, line_width=0
+            0.0, min(warm_up, time[-1]), fillcolor="#999999", opacity=0.15, line_width=0
         )
     return Plot(
         "Tip error",
@@ -134,14 +134,14 @@ def _zoom(time: FloatArray, curves: Mapping[str, FloatArray], intent: FloatArray
     )
 
 
-def _spectra(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
-    first = round(motion.settle / motion.step)
-    window = round(SPECTRUM_WINDOW / motion.step)
+def _spectra(moved: FloatArray, tip: FloatArray, inputs: MetricInputs) -> Plot | None:
+    first = round(inputs.warm_up / inputs.step)
+    window = round(SPECTRUM_WINDOW / inputs.step)
     if len(tip) - first < window:
         return None
     figure = go.Figure()
     for name, position in (("without compensation", moved), ("with compensation", tip)):
-        frequency, density = amplitude_density(position[first:], motion.step)
+        frequency, density = amplitude_density(position[first:], inputs.step)
         shown = (frequency >= _SPECTRUM[0]) & (frequency <= _SPECTRUM[1])
         figure.add_trace(line(frequency[shown], density[shown] * _MICRO, colour(name), name))
     low, high = TREMOR_BAND
@@ -181,15 +181,15 @@ def amplitude_density(x: FloatArray, step: float) -> tuple[FloatArray, FloatArra
     return frequency, np.sqrt(power.sum(axis=1))
 
 
-def _attenuation(moved: FloatArray, tip: FloatArray, motion: Motion) -> Plot | None:
+def _attenuation(moved: FloatArray, tip: FloatArray, inputs: MetricInputs) -> Plot | None:
     """Plot what is left of the motion, and the phase of the correction, as recorded."""
-    first = round(motion.settle / motion.step)
-    window = round(SPECTRUM_WINDOW / motion.step)
+    first = round(inputs.warm_up / inputs.step)
+    window = round(SPECTRUM_WINDOW / inputs.step)
     # Half overlapped Hann windows; two of them are hardly more than one independent estimate.
     looks = (len(tip) - first) // window
     if looks < _LEAST_LOOKS:
         return None
-    how: dict[str, Any] = {"fs": 1 / motion.step, "nperseg": window, "detrend": "linear", "axis": 0}
+    how: dict[str, Any] = {"fs": 1 / inputs.step, "nperseg": window, "detrend": "linear", "axis": 0}
     x, correction = moved[first:], (tip - moved)[first:]
     frequency, power = signal.welch(x, **how)
     made = signal.welch(correction, **how)[1].sum(axis=1)
@@ -231,9 +231,9 @@ def _voltages(time: FloatArray, drive: FloatArray) -> Plot:
 
 
 def _hysteresis(
-    motion: Motion, drive: FloatArray, stroke: FloatArray, delays: tuple[int, ...]
+    inputs: MetricInputs, drive: FloatArray, stroke: FloatArray, delays: tuple[int, ...]
 ) -> Plot:
-    count = min(round(_LOOP_SECONDS / motion.step), len(drive) - max(delays, default=0))
+    count = min(round(_LOOP_SECONDS / inputs.step), len(drive) - max(delays, default=0))
     panels = []
     for i, delay in enumerate(delays):
         end = len(drive) - delay
@@ -244,20 +244,20 @@ def _hysteresis(
     )
     return Plot(
         "Hysteresis",
-        f"Stroke over the voltage that acts on it, last {count * motion.step:g} s.",
+        f"Stroke over the voltage that acts on it, last {count * inputs.step:g} s.",
         figure,
     )
 
 
 def _estimated(
-    time: FloatArray, settle: float, size: FloatArray, texts: tuple[str, str, str]
+    time: FloatArray, warm_up: float, size: FloatArray, texts: tuple[str, str, str]
 ) -> Plot:
     """Plot the error of an estimate, scaled to what counts: a start may lie far above."""
     title, unit, text = texts
     curve = line(*thinned(time, size), _WITH, title.lower())
     figure = chart([curve], "time, s", unit, 300, showlegend=False)
-    counted = size[time >= settle] if settle < time[-1] else size
+    counted = size[time >= warm_up] if warm_up < time[-1] else size
     top = 1.1 * float(counted.max())
     figure.update_yaxes(range=[0.0, top] if top > 0.0 else None)
-    beyond = f"; more than shown before {settle:g} s" if size.max() > max(top, 0.0) > 0.0 else ""
+    beyond = f"; more than shown before {warm_up:g} s" if size.max() > max(top, 0.0) > 0.0 else ""
     return Plot(title, f"{text}{beyond}.", figure)

@@ -11,7 +11,7 @@ from harness.report.consistency import consistency_plots
 from harness.report.figures import figures
 from harness.report.hil import hil_sections
 from harness.report.page import ready, rendered, write_page
-from harness.results.metrics import motion_of
+from harness.results.metrics import metric_inputs_of
 from harness.results.result import Result
 
 __all__ = ["write_report"]
@@ -39,7 +39,7 @@ def _content(result: Result) -> dict[str, Any]:
     ticks = len(result.time)
     drawn = (
         [
-            *figures(result.time, motion_of(result), result.role("actuator_stroke"), delays),
+            *figures(result.time, metric_inputs_of(result), result.role("actuator_stroke"), delays),
             *consistency_plots(result.consistency),
         ]
         if ticks > 1

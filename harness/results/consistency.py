@@ -13,7 +13,7 @@ the filter believes itself too much, less that it could believe itself more.
 What a part has is found by the names of its outputs: `innovation_squared`, with `innovation_size`
 (degrees of freedom at this sample, 0 without a correction; or the part's setting of that name, for
 an estimator whose corrections are all of one size), and `<quantity>_sigma_*` beside a quantity that
-the scenario's `signals` name together with the truth. Samples that count are those after `settle`
+the scenario's `signals` name together with the truth. Samples that count are those after `warm_up`
 at which the part's output `valid`, if it has one, is true.
 
 A consistent filter's innovations are independent, so that all degrees of freedom of a run count in

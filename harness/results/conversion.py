@@ -1,7 +1,7 @@
 """A run for other tools: signals and raw frames as ASAM MDF 4 (MF4).
 
 `results.mf4` has one group of channels on the time of the run, each with unit and description, and
-the facts about the run as its comment. `frames.mf4` is a bus log as ASAM's standard for it says;
+the metadata of the run as its comment. `frames.mf4` is a bus log as ASAM's standard for it says;
 what a DBC file says of the frames, tools read from there. The files begin at the first tick and at
 the first frame, so that a tool can lay one over the other; of a run without a log it is known only
 when it was written.

@@ -12,7 +12,7 @@ stroke, so that y has a constant offset from x, with which the surgeon aims.
 
 In band, what counts is how much of the band is left; a-posteriori, how close the tip is to the
 intent. Each can be gamed alone, so both are always given, over all axes together and as the mean of
-the axes. Filters see the whole record; figures are of the samples after `settle`.
+the axes. Filters see the whole record; figures are of the samples after `warm_up`.
 """
 
 from __future__ import annotations
@@ -35,12 +35,12 @@ if TYPE_CHECKING:
 __all__ = [
     "TREMOR_BAND",
     "Metric",
-    "Motion",
+    "MetricInputs",
     "angle_between",
     "intent_of",
+    "metric_inputs_of",
     "metrics_of",
     "metrics_of_result",
-    "motion_of",
     "rotation_between",
 ]
 
@@ -68,12 +68,12 @@ class Metric:
 
 
 @dataclass(frozen=True)
-class Motion:
+class MetricInputs:
     """What the metrics are computed from; anything but the time base may be missing.
 
     Attributes:
         step: sample period [s].
-        settle: left out at the start [s].
+        warm_up: left out at the start [s].
         ticks: samples of the run, where `wall` is given.
         wall: wall-clock time that they took [s].
         tip_uncompensated: x, (n, 3) [m].
@@ -88,7 +88,7 @@ class Motion:
     """
 
     step: float
-    settle: float = 0.0
+    warm_up: float = 0.0
     ticks: int = 0
     wall: float | None = None
     tip_uncompensated: FloatArray | None = None
@@ -104,10 +104,10 @@ class Motion:
 
 def metrics_of_result(result: RecordedSignals) -> dict[str, Metric]:
     """Metrics of a recorded run; see `metrics_of`."""
-    return metrics_of(motion_of(result))
+    return metrics_of(metric_inputs_of(result))
 
 
-def motion_of(result: RecordedSignals) -> Motion:
+def metric_inputs_of(result: RecordedSignals) -> MetricInputs:
     """Signals of a run by their roles.
 
     While a recording moves the part that gives the intent, that part does not know the intent.
@@ -115,9 +115,9 @@ def motion_of(result: RecordedSignals) -> Motion:
     metadata = result.metadata
     intent = (Endpoint.find(name, metadata.parts) for name in metadata.roles.get("intent", []))
     replayed = any(endpoint and endpoint.part in metadata.motions for endpoint in intent)
-    return Motion(
+    return MetricInputs(
         step=metadata.step_size,
-        settle=metadata.warm_up,
+        warm_up=metadata.warm_up,
         ticks=len(result.time),
         wall=metadata.wall,
         tip_uncompensated=result.role("tip_uncompensated"),
@@ -132,39 +132,39 @@ def motion_of(result: RecordedSignals) -> Motion:
     )
 
 
-def metrics_of(motion: Motion) -> dict[str, Metric]:
+def metrics_of(inputs: MetricInputs) -> dict[str, Metric]:
     """Compute all figures that the given signals allow, by name.
 
-    A figure is left out where a signal is missing, the record after `settle` is shorter than a
+    A figure is left out where a signal is missing, the record after `warm_up` is shorter than a
     second, or there is no tremor to be reduced.
     """
-    truths = (motion.attitude_true, motion.position_true)
+    truths = (inputs.attitude_true, inputs.position_true)
     signals = (
-        motion.tip,
-        motion.tip_uncompensated,
-        motion.actuator_voltage,
+        inputs.tip,
+        inputs.tip_uncompensated,
+        inputs.actuator_voltage,
         *truths,
-        motion.saturated,
+        inputs.saturated,
     )
     samples = max((len(s) for s in signals if s is not None), default=0)
-    first = round(motion.settle / motion.step)
+    first = round(inputs.warm_up / inputs.step)
     metrics: dict[str, Metric] = {}
-    if (samples - first) * motion.step >= SHORTEST_EVALUATION:
+    if (samples - first) * inputs.step >= SHORTEST_EVALUATION:
         after = slice(first, None)
-        metrics |= _tip(motion, after)
-        metrics |= _drive(motion, after)
-        metrics |= _pose(motion, after)
-    return metrics | dict(_speed(motion))
+        metrics |= _tip(inputs, after)
+        metrics |= _drive(inputs, after)
+        metrics |= _pose(inputs, after)
+    return metrics | dict(_speed(inputs))
 
 
-def intent_of(motion: Motion) -> FloatArray | None:
+def intent_of(inputs: MetricInputs) -> FloatArray | None:
     """v, (n, 3) [m]: given, or lp(x); None without either."""
-    if motion.intent is not None:
-        return motion.intent
-    if motion.tip_uncompensated is None:
+    if inputs.intent is not None:
+        return inputs.intent
+    if inputs.tip_uncompensated is None:
         return None
-    lowpass = _filter(_INTENT_ORDER, _INTENT_CORNER, "lowpass", motion.step)
-    return _zero_phase(lowpass, motion.tip_uncompensated, motion.step)
+    lowpass = _filter(_INTENT_ORDER, _INTENT_CORNER, "lowpass", inputs.step)
+    return _zero_phase(lowpass, inputs.tip_uncompensated, inputs.step)
 
 
 def angle_between(a: FloatArray, b: FloatArray) -> FloatArray:
@@ -222,8 +222,8 @@ def _reduction_by_axis(left: FloatArray, before: FloatArray) -> float | None:
     return float(np.mean(100.0 * (1.0 - left.std(axis=0) / spread)))
 
 
-def _tip(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
-    x, y, v = motion.tip_uncompensated, motion.tip, intent_of(motion)
+def _tip(inputs: MetricInputs, after: slice) -> Iterator[tuple[str, Metric]]:
+    x, y, v = inputs.tip_uncompensated, inputs.tip, intent_of(inputs)
     low, high = TREMOR_BAND
     band = (
         f"the zero-phase {low:g} to {high:g} Hz Butterworth band-pass "
@@ -231,14 +231,14 @@ def _tip(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
     )
     source = (
         "v the intent that the hand's generator states"
-        if motion.intent is not None
+        if inputs.intent is not None
         else f"v the intent, obtained off line from x by a zero-phase Butterworth low-pass "
         f"(butter({_INTENT_ORDER}), {_INTENT_CORNER:g} Hz, forwards and backwards)"
     )
     if x is not None and y is not None and v is not None:
-        bx = _band_pass(_BAND_ORDER, TREMOR_BAND, x, motion.step)[after]
-        by = _band_pass(_BAND_ORDER, TREMOR_BAND, y, motion.step)[after]
-        target = _band_pass(_TARGET_ORDER, _TARGET_BAND, x, motion.step)[after]
+        bx = _band_pass(_BAND_ORDER, TREMOR_BAND, x, inputs.step)[after]
+        by = _band_pass(_BAND_ORDER, TREMOR_BAND, y, inputs.step)[after]
+        target = _band_pass(_TARGET_ORDER, _TARGET_BAND, x, inputs.step)[after]
         xy = "x the tip without and y the tip with compensation, rms over time and all three axes"
         reductions = {
             "reduction_in_band": (
@@ -290,9 +290,9 @@ def _tip(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
         )
 
 
-def _drive(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
-    if motion.actuator_voltage is not None:
-        volts = motion.actuator_voltage[after]
+def _drive(inputs: MetricInputs, after: slice) -> Iterator[tuple[str, Metric]]:
+    if inputs.actuator_voltage is not None:
+        volts = inputs.actuator_voltage[after]
         about = volts - volts.mean(axis=0)
         yield (
             "drive_rms",
@@ -302,7 +302,7 @@ def _drive(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
                 "rms of the voltages about their means, over time and all actuators",
             ),
         )
-        rate = np.diff(volts, axis=0) / motion.step
+        rate = np.diff(volts, axis=0) / inputs.step
         yield (
             "drive_rate",
             Metric(
@@ -311,22 +311,22 @@ def _drive(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
                 "rms of the voltages' change from sample to sample, over the sample period",
             ),
         )
-    if motion.saturated is not None:
-        share = float(np.mean(motion.saturated[after] != 0.0))
+    if inputs.saturated is not None:
+        share = float(np.mean(inputs.saturated[after] != 0.0))
         yield (
             "saturated",
             Metric(100.0 * share, "%", "share of samples with a command at its limit"),
         )
 
 
-def _pose(motion: Motion, after: slice) -> Iterator[tuple[str, Metric]]:
+def _pose(inputs: MetricInputs, after: slice) -> Iterator[tuple[str, Metric]]:
     """Errors of an estimated attitude and position."""
-    if motion.attitude_true is not None and motion.attitude_estimated is not None:
-        angle = angle_between(motion.attitude_true[after], motion.attitude_estimated[after])
+    if inputs.attitude_true is not None and inputs.attitude_estimated is not None:
+        angle = angle_between(inputs.attitude_true[after], inputs.attitude_estimated[after])
         text = "angle of the rotation from the true to the estimated attitude"
         yield from _error("attitude_error", angle, "rad", text)
-    if motion.position_true is not None and motion.position_estimated is not None:
-        apart = motion.position_estimated[after] - motion.position_true[after]
+    if inputs.position_true is not None and inputs.position_estimated is not None:
+        apart = inputs.position_estimated[after] - inputs.position_true[after]
         distance = np.linalg.norm(apart, axis=1)
         yield from _error("position_error", distance, "m", "distance of the estimated position")
 
@@ -336,12 +336,12 @@ def _error(name: str, size: FloatArray, unit: str, text: str) -> Iterator[tuple[
     yield f"{name}_max", Metric(float(size.max()), unit, f"largest {text}")
 
 
-def _speed(motion: Motion) -> Iterator[tuple[str, Metric]]:
-    if motion.wall:
+def _speed(inputs: MetricInputs) -> Iterator[tuple[str, Metric]]:
+    if inputs.wall:
         yield (
             "real_time_factor",
             Metric(
-                motion.ticks * motion.step / motion.wall,
+                inputs.ticks * inputs.step / inputs.wall,
                 "1",
                 "simulated time over wall-clock time of the loop, recording included, without "
                 "start, metrics and report",

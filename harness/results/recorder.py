@@ -107,7 +107,7 @@ class Recorder:
         return self._chunk[self._filled :]
 
     def commit(self, rows: int) -> None:
-        """Record the first rows of `room`.
+        """Record the first rows of `buffer`.
 
         Raises:
             RecordError: the disk does not take another chunk.

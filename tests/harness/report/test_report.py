@@ -9,7 +9,7 @@ from scipy import signal
 
 import steadytip as st
 from harness.report.figures import figures
-from harness.results.metrics import Motion
+from harness.results.metrics import MetricInputs
 
 
 @pytest.fixture(scope="module")
@@ -60,7 +60,7 @@ def test_attenuation_from_a_record_is_that_of_the_loop():
     tip = moved - 0.8 * np.vstack([np.zeros((3, 3)), moved[:-3]])
     tip += 1e-7 * generator.normal(size=(n, 3))
     drawn = figures(
-        np.arange(n) * step, Motion(step=step, tip_uncompensated=moved, tip=tip), None, ()
+        np.arange(n) * step, MetricInputs(step=step, tip_uncompensated=moved, tip=tip), None, ()
     )
     (plot,) = (plot for plot in drawn if plot.title == "Attenuation")
     left, phase = plot.figure.data

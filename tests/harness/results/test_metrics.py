@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import signal
 
-from harness.results.metrics import Motion, angle_between, metrics_of
+from harness.results.metrics import MetricInputs, angle_between, metrics_of
 
 STEP = 1e-3
 T = np.arange(20_000) * STEP
@@ -19,7 +19,7 @@ def tone(frequency: float, amplitude: float, phase: float = 0.0) -> np.ndarray:
 
 
 def value(name: str, **signals) -> float:
-    return metrics_of(Motion(STEP, settle=2.0, **signals))[name].value
+    return metrics_of(MetricInputs(STEP, warm_up=2.0, **signals))[name].value
 
 
 @settings(max_examples=10)
@@ -47,7 +47,7 @@ def test_a_scaled_tone_is_reduced_by_its_scale_in_every_definition(scale, freque
 def test_rms_is_over_time_and_all_three_axes_about_the_mean():
     zero = np.zeros((len(T), 3))
     tip = tone(10.0, 10e-6) * [1.0, 2.0, 0.0] + [5e-6, 0.0, 1e-3]
-    got = metrics_of(Motion(STEP, tip_uncompensated=2 * tip, tip=tip, intent=zero))
+    got = metrics_of(MetricInputs(STEP, tip_uncompensated=2 * tip, tip=tip, intent=zero))
     assert got["tip_rms"].value == pytest.approx(10e-6 * np.sqrt(5 / 2), rel=1e-6)
     assert got["tip_rms_uncompensated"].value == pytest.approx(20e-6 * np.sqrt(5 / 2), rel=1e-6)
     assert got["worst_excursion"].value == pytest.approx(10e-6 * np.sqrt(5), rel=1e-4)
@@ -64,7 +64,7 @@ def test_what_is_not_in_the_band_does_not_count_in_band():
 
 def test_a_recordings_intent_is_its_slow_part_and_the_definition_says_so():
     intent, tremor = tone(0.3, 1e-3), tone(12.0, 50e-6)
-    got = metrics_of(Motion(STEP, 2.0, tip_uncompensated=intent + tremor, tip=intent))
+    got = metrics_of(MetricInputs(STEP, 2.0, tip_uncompensated=intent + tremor, tip=intent))
     metric = got["reduction_a_posteriori"]
     # butter(4) forwards and backwards lets 1 / (1 + (12 / 6)^8) of the tremor into v.
     left = 1 / (1 + 2.0**8)
@@ -72,7 +72,7 @@ def test_a_recordings_intent_is_its_slow_part_and_the_definition_says_so():
     assert "low-pass" in metric.definition
     assert "6 Hz" in metric.definition
     stated = metrics_of(
-        Motion(STEP, 2.0, tip_uncompensated=intent + tremor, tip=intent, intent=intent)
+        MetricInputs(STEP, 2.0, tip_uncompensated=intent + tremor, tip=intent, intent=intent)
     )
     assert "generator" in stated["reduction_a_posteriori"].definition
 
@@ -82,25 +82,28 @@ def test_filters_do_not_ring_in_from_the_ends():
     ramp = np.repeat(1e-3 * (1.0 + T[:, None]), 3, axis=1)
     tremor = tone(10.0, 50e-6)
     got = {"tip_uncompensated": ramp + tremor, "tip": ramp + 0.25 * tremor, "intent": ramp}
-    short = metrics_of(Motion(STEP, 0.0, **got))["reduction_in_band"].value
+    short = metrics_of(MetricInputs(STEP, 0.0, **got))["reduction_in_band"].value
     assert short == pytest.approx(75.0, abs=0.2)
 
 
 def test_a_tip_without_tremor_has_no_reduction():
     zero = np.zeros((len(T), 3))
-    got = metrics_of(Motion(STEP, tip_uncompensated=zero, tip=zero, intent=zero))
+    got = metrics_of(MetricInputs(STEP, tip_uncompensated=zero, tip=zero, intent=zero))
     assert "reduction_in_band" not in got
     assert got["tip_rms"].value == 0.0
 
 
 def test_figures_whose_signals_are_missing_are_left_out():
-    assert metrics_of(Motion(STEP)) == {}
-    only_tip = metrics_of(Motion(STEP, tip=tone(10.0, 1e-6), intent=tone(10.0, 0.0)))
+    assert metrics_of(MetricInputs(STEP)) == {}
+    only_tip = metrics_of(MetricInputs(STEP, tip=tone(10.0, 1e-6), intent=tone(10.0, 0.0)))
     assert set(only_tip) == {"tip_rms", "worst_excursion"}
 
 
 def test_less_than_a_second_gives_no_figures():
-    assert metrics_of(Motion(STEP, settle=19.5, tip=tone(9.0, 1.0), intent=tone(9.0, 0.0))) == {}
+    assert (
+        metrics_of(MetricInputs(STEP, warm_up=19.5, tip=tone(9.0, 1.0), intent=tone(9.0, 0.0)))
+        == {}
+    )
 
 
 def test_drive_figures():
@@ -138,7 +141,7 @@ def test_attitude_figures_and_speed():
     true = np.tile([1.0, 0.0, 0.0, 0.0], (len(T), 1))
     off = np.tile([np.cos(0.01), np.sin(0.01), 0.0, 0.0], (len(T), 1))
     got = metrics_of(
-        Motion(STEP, ticks=len(T), wall=4.0, attitude_true=true, attitude_estimated=off)
+        MetricInputs(STEP, ticks=len(T), wall=4.0, attitude_true=true, attitude_estimated=off)
     )
     assert got["attitude_error_rms"].value == pytest.approx(0.02)
     assert got["attitude_error_max"].value == pytest.approx(0.02)

@@ -74,7 +74,7 @@ if __name__ == "__main__":
 import steadytip as st  # noqa: E402 - the tool's side has nothing of the project in its process
 from harness.bench.other_hosts import absent_host  # noqa: E402
 from harness.parts.description import describe  # noqa: E402
-from harness.results.metrics import Motion, metrics_of  # noqa: E402
+from harness.results.metrics import MetricInputs, metrics_of  # noqa: E402
 from harness.ssp.export import export  # noqa: E402
 from harness.ssp.load import load  # noqa: E402
 
@@ -134,9 +134,9 @@ def available(tool: str) -> str:
 def figures(signals: np.ndarray, settle: float) -> dict[str, float]:
     """Metrics; the intent is put beside the motion that the instrument made of it."""
     tip, moved, intent = np.split(signals, 3, axis=1)
-    motion = Motion(
+    motion = MetricInputs(
         step=PERIOD,
-        settle=settle,
+        warm_up=settle,
         tip=tip[HAND_LATE:],
         tip_uncompensated=moved[HAND_LATE:],
         intent=intent[:-HAND_LATE],
