@@ -4,7 +4,7 @@
 | --- | --- | --- |
 | `OPEN` | | |
 | `BUS_OFF` | an error frame or the driver says so | silent for 100 ms, begin anew; three times |
-| `GONE` | reading or writing fails: unplugged | try each 100 ms, as long as `patience` says |
+| `UNPLUGGED` | reading or writing fails: unplugged | try each 100 ms until `reconnect_timeout` |
 | `FAILED` | all of that in vain | nothing any more |
 
 Times are microseconds of the real-time clock, carried on by the monotonic one, so that setting the
@@ -40,11 +40,11 @@ def now() -> int:
 
 
 class ChannelState(IntEnum):
-    """Of a medium."""
+    """Of a CAN channel."""
 
     OPEN = 0
     BUS_OFF = 1
-    GONE = 2
+    UNPLUGGED = 2
     FAILED = 3
 
 
@@ -56,13 +56,13 @@ class Address:
         interface: of python-can; None: as its own configuration has it.
         channel: of the interface; None: as its own configuration has it.
         options: all else that the interface takes.
-        patience: how long an unplugged medium is waited for [s].
+        reconnect_timeout: how long an unplugged bus is waited for [s].
     """
 
     interface: str | None
     channel: str | None
     options: Mapping[str, Any] = field(default_factory=dict)
-    patience: float = 10.0
+    reconnect_timeout: float = 10.0
 
     def __str__(self) -> str:
         return (
@@ -76,8 +76,6 @@ class CanChannel:
     Attributes:
         state: see the module's table.
         reason: why it is not open, in words.
-        log: where all frames go, in their order; None: nowhere.
-        stamped: whether frames carry the time at which they were on the bus.
     """
 
     def __init__(self, address: Address, database: Database) -> None:
@@ -141,7 +139,7 @@ class CanChannel:
         try:
             message = self._bus.recv(timeout)
         except (self._can.CanError, OSError) as error:
-            self._leave(ChannelState.GONE, f"reading failed: {error}")
+            self._leave(ChannelState.UNPLUGGED, f"reading failed: {error}")
             return None
         if message is None:
             return None
@@ -171,7 +169,7 @@ class CanChannel:
         try:
             self._bus.send(message)
         except (self._can.CanError, OSError) as error:
-            self._leave(ChannelState.GONE, f"writing failed: {error}")
+            self._leave(ChannelState.UNPLUGGED, f"writing failed: {error}")
             return None
         return message
 
@@ -188,7 +186,7 @@ class CanChannel:
     def unplug(self, seconds: float) -> None:
         """Leave the bus as if the plug was pulled, and come back later [s]."""
         self.close()
-        self._leave(ChannelState.GONE, "unplugged")
+        self._leave(ChannelState.UNPLUGGED, "unplugged")
         self._next_try = self._since + round(seconds * 1e6)
 
     def recovered(self) -> None:
@@ -212,8 +210,10 @@ class CanChannel:
         self._next_try = there + RETRY
         if self._came_back():
             self.state = ChannelState.OPEN
-        elif there - self._since > self._address.patience * 1e6:
-            self.reason += f", and it did not come back within {self._address.patience:g} s"
+        elif there - self._since > self._address.reconnect_timeout * 1e6:
+            self.reason += (
+                f", and it did not come back within {self._address.reconnect_timeout:g} s"
+            )
             self.state = ChannelState.FAILED
 
     def _came_back(self) -> bool:

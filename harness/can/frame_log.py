@@ -1,7 +1,7 @@
 """The log of raw frames, as other tools read it: candump's text or Vector's BLF.
 
 Frames of the bus are on lane `can0`, those that were sent marked so. On `can1`, which is no bus, a
-frame with id 0 stands where a tick began: its time, and `TURN` of the node as its data. With these
+frame with id 0 stands where a tick began: its time, and `CycleInput.packed` as its data. With these
 the log holds all that a run depends on.
 """
 
@@ -27,7 +27,7 @@ SUFFIXES = {"candump": ".log", "blf": ".blf"}
 
 
 class FrameLog:
-    """Takes frames and ticks, writes them when told to; see `controller_node.Journal`."""
+    """Buffers frames and ticks; `flush` writes them."""
 
     def __init__(self, path: Path) -> None:
         """Open the file.
@@ -42,7 +42,7 @@ class FrameLog:
 
         self.path = path
         self._message = can.Message
-        self._held: list[Any] = []
+        self._buffer: list[Any] = []
         self._ends: list[Callable[[], None]] = []
         binary = path.suffix == SUFFIXES["blf"]
         try:
@@ -59,11 +59,11 @@ class FrameLog:
 
     def frame(self, message: Any) -> None:
         """Take a frame; its time is in [us]."""
-        self._held.append(message)
+        self._buffer.append(message)
 
-    def turn(self, time: int, content: bytes) -> None:
+    def tick(self, time: int, content: bytes) -> None:
         """Take the beginning of a tick [us]."""
-        self._held.append(
+        self._buffer.append(
             self._message(
                 timestamp=time,
                 arbitration_id=0,
@@ -79,9 +79,9 @@ class FrameLog:
         Raises:
             FaultError: the disk does not take it.
         """
-        held, self._held = self._held, []
+        buffered, self._buffer = self._buffer, []
         try:
-            for message in held:
+            for message in buffered:
                 message.timestamp *= 1e-6
                 if message.channel != TICKS:
                     message.channel = BUS
@@ -98,9 +98,9 @@ class FrameLog:
         try:
             self.flush()
         finally:
-            trouble = self._end()
-        if trouble is not None:
-            raise FaultError(f"the log of frames {self.path}: {reason(trouble)}")
+            failure = self._end()
+        if failure is not None:
+            raise FaultError(f"the log of frames {self.path}: {reason(failure)}")
 
     def _end(self) -> OSError | None:
         """Close writer and file; the first thing that went wrong."""

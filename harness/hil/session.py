@@ -18,13 +18,15 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmu_src.errors import SteadytipError
+from harness.can.controller_node import ControllerNode
 from harness.can.frame_log import SUFFIXES, FrameLog
 from harness.common.errors import FaultError
 from harness.hil.board import BUS, part_on_bus, world_scenario
+from harness.hil.clock import Session, TickClock, WallClock
 from harness.hil.monitor import start_monitor
 from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter, memory_folder
-from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
+from harness.loop.loop import LoopOutcome, Progress
 from harness.parts.can.feed import FeedPart
 from harness.recordings.run_record import read_metadata, read_record, record_file
 from harness.results.result import Result
@@ -48,71 +50,20 @@ _MARGIN = 10.0  # s that the C program's recording is longer than the run
 _ENDING = 20.0  # s for it to write its record
 
 
-class _Clock:
-    """Ticks by this machine's clock, for a loop without a bus; see `loop.RealTimeClock`."""
+class _SampleClock(TickClock):
+    """Ticks by the samples of a board."""
 
-    name = ""
-
-    def __init__(self, step: float, settings: Hil) -> None:
-        self._step = step
-        self.watchdog = settings.watchdog
-        self._realtime = realtime(settings.priority)
-        self._over = False
+    def __init__(self, feed: str, node: ControllerNode, settings: Hil) -> None:
+        super().__init__(realtime(settings.priority), feed, settings.watchdog)
+        self._node = node
 
     def begin(self, idle: Callable[[], None]) -> None:
-        self._idle = idle
-        self.conditions = self._realtime.__enter__()
-        self._begun = time.monotonic_ns()
+        """Wait for the board."""
+        super().begin(idle)
+        self._node.wait_for_board(lambda: self.is_stopped)
 
-    def wait(self, tick: int) -> int:
-        from harness.can.precise_sleep import sleep_until
-
-        self._idle()
-        sleep_until(self._begun + round(tick * self._step * 1e9))
-        return 0 if self._over else 1
-
-    def stop(self) -> None:
-        self._over = True
-
-    def end(self) -> None:
-        self._realtime.__exit__(None, None, None)
-
-
-class _BusPace:
-    """Ticks by the samples of a board; see `loop.RealTimeClock`."""
-
-    def __init__(self, feed: FeedPart, log: FrameLog | None, settings: Hil) -> None:
-        self.name = feed.name
-        self.watchdog = settings.watchdog
-        self._feed = feed
-        self._log = log
-        self._realtime = realtime(settings.priority)
-        self._over = False
-
-    def begin(self, idle: Callable[[], None]) -> None:
-        node, log = self._feed.node, self._log
-        assert node is not None
-        if log is not None:
-            node.journal = log
-
-        def write() -> None:
-            idle()
-            if log is not None:
-                log.flush()
-
-        node.idle = write
-        self.conditions = self._realtime.__enter__()
-        node.meet(lambda: self._over)
-        self._wait = node.wait
-
-    def wait(self, tick: int) -> int:
-        return 0 if self._over else self._wait(tick).steps
-
-    def stop(self) -> None:
-        self._over = True
-
-    def end(self) -> None:
-        self._realtime.__exit__(None, None, None)
+    def _wait(self, tick: int) -> int:
+        return self._node.wait(tick, self._idle).steps
 
 
 class _Board:
@@ -247,67 +198,74 @@ class _Firmware:
         return ""
 
 
-class _LoopSession:
+class _LoopSession(Session):
     """The loop's clock, log and board; see `harness.running.HilSession`."""
 
     def __init__(
         self,
-        pace: RealTimeClock,
-        feed: FeedPart | None,
-        log: FrameLog | None,
-        board: _Board | _Firmware | None,
-        folder: Path,
+        clock: TickClock,
         system: System,
+        folder: Path,
+        board: _Board | _Firmware | None,
         ring: RingWriter | None,
+        injected: Mapping[str, Any],
+        node: ControllerNode | None = None,
     ) -> None:
-        self.pace: RealTimeClock = pace
-        self.observe = ring.append if ring is not None else None
-        self._ring = ring
+        """Take over what belongs to the run.
+
+        Args:
+            clock: of the ticks.
+            system: that runs.
+            folder: of the run.
+            board: the emulated one; None without.
+            ring: that shows each tick; None without a monitor.
+            injected: faults that the emulated board was asked for, and their seed.
+            node: of the loop; None without a bus.
+        """
+        super().__init__(clock, ring)
+        self._clock = clock
         self._system = system
-        self._feed = feed
-        self._log = log
-        self._board = board
         self._folder = folder
-        self.injected: Mapping[str, Any] = {}
-        """Faults that the emulated board was asked for, and their seed."""
+        self._board = board
+        self._injected = injected
+        self._node = node
 
     def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
         """See `harness.running.HilSession.closed`."""
+        super().closed(outcome)
         notes = []
-        if self._ring is not None:
-            self._ring.close()
-        if self._log is not None:
+        log = self._node.log if self._node is not None else None
+        if log is not None:
             try:
-                self._log.close()
+                log.close()
             except FaultError as error:
                 notes.append(str(error))
         if self._board is not None:
-            trouble = self._board.end()
-            notes += [trouble] * bool(trouble)
-        node = self._feed.node if self._feed is not None else None
-        conditions = getattr(self.pace, "conditions", None)
+            problem = self._board.end()
+            notes += [problem] * bool(problem)
+        conditions = self._clock.conditions
         limits = self._system.scenario.hil.limits
         return {
             "hil": {
                 "conditions": conditions.metadata() if conditions is not None else {},
                 "notes": notes,
-                "log": self._log.path.name if self._log is not None else None,
-                "injected": self.injected,
+                "log": log.path.name if log is not None else None,
+                "injected": self._injected,
                 "limits": {n: limit.model_dump() for n, limit in limits.items()},
-                **({} if node is None else node.metadata()),
+                **({} if self._node is None else self._node.cycle.metadata()),
             }
         }
 
     def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
         """Return what the emulated board has recorded of the world, at the samples of the ticks."""
-        if self._board is None or self._feed is None:
+        if self._board is None or not self._clock.name:
             return None, {}
         try:
             world = read_record(record_file(self._board.folder))
             loop = read_record(record_file(self._folder))
         except SteadytipError:
             return None, {}
-        table = _joined(loop, self._feed.name, world)
+        table = _joined(loop, self._clock.name, world)
         system = self._system
         columns = [*loop.column_names, *table.column_names]
         parts = {name: part.metadata() for name, part in system.parts.items()}
@@ -408,11 +366,24 @@ def hil(
                 known = _signals(checked, moved=path is not None)
                 page = stack.enter_context(start_monitor(shown, known, port))
                 status(f"monitor: {page.url}")
-            rig = _rig(system, folder, board, ring)
-            if emulated:
-                rig.injected = {"faults": list(faults), "seed": fault_seed}
+            injected = {"faults": list(faults), "seed": fault_seed} if emulated else {}
+            node: ControllerNode | None = None
+            clock: TickClock
+            feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
+            if feeds:
+                system, node, clock = _sample_clock(system, feeds[0], folder)
+            else:
+                settings = checked.hil
+                clock = WallClock(checked.step_size, settings.watchdog, settings.priority)
+            session = _LoopSession(clock, system, folder, board, ring, injected, node)
             return perform(
-                system, folder, rig=rig, csv=csv, report=report, status=status, progress=progress
+                system,
+                folder,
+                rig=session,
+                csv=csv,
+                report=report,
+                status=status,
+                progress=progress,
             )
 
 
@@ -468,20 +439,18 @@ def _arguments(
     return [*arguments, "--fault-seed", str(seed)]
 
 
-def _rig(
-    system: System, folder: Path, board: _Board | _Firmware | None, ring: RingWriter | None
-) -> _LoopSession:
+def _sample_clock(
+    system: System, feed: FeedPart, folder: Path
+) -> tuple[System, ControllerNode, TickClock]:
+    """Put the loop's end on the bus: the system with its node, the node, and the ticks by it."""
     settings = system.scenario.hil
-    feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
-    if not feeds:
-        clock = _Clock(system.scenario.step_size, settings)
-        return _LoopSession(clock, None, None, board, folder, system, ring)
-    (feed,) = feeds
-    feed.policy = settings
     log = None
     if settings.log != "none":
         folder.mkdir(parents=True, exist_ok=True)
         for suffix in SUFFIXES.values():
             (folder / f"{FRAMES}{suffix}").unlink(missing_ok=True)
         log = FrameLog(folder / f"{FRAMES}{SUFFIXES[settings.log]}")
-    return _LoopSession(_BusPace(feed, log, settings), feed, log, board, folder, system, ring)
+    step, address = system.scenario.step_size, feed.keys.address()
+    node = ControllerNode(feed.database, feed.keys.node, address, settings, step, log)
+    system = dataclasses.replace(system, parts={**system.parts, **feed.on_bus(node)})
+    return system, node, _SampleClock(feed.name, node, settings)

@@ -42,8 +42,6 @@ class _Kind:
                 ],
             )
         if any(m.role == "sample" for m in database.sent_by(keys.node)):
-            from harness.parts.can.board import BoardPart
-
             return BoardPart(name, keys, database)
         return FeedPart(name, keys, database)
 

@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from harness.can.database import Signal
+from harness.can.database import Message, Signal
 from harness.parts.ports import Port, unit_of
 
 if TYPE_CHECKING:
     from harness.can.channel import Address
 
-__all__ = ["Keys", "port_of"]
+__all__ = ["Keys", "ports_of"]
 
 
 class Keys(BaseModel):
@@ -45,10 +46,15 @@ class Keys(BaseModel):
         return Address(self.interface, self.channel, self.options, self.reconnect)
 
 
-def port_of(signal: Signal) -> Port:
+def _port_of(signal: Signal) -> Port:
     """Return a signal as a port."""
     if signal.length == 1:
         return Port(signal.name, "Boolean", description=signal.description)
     if signal.is_whole:
         return Port(signal.name, "Integer", description=signal.description)
     return Port(signal.name, "Real", unit_of(signal.unit or "1"), signal.description)
+
+
+def ports_of(messages: Iterable[Message], *roles: str) -> list[Port]:
+    """Return the signals of messages as ports; of those with one of `roles`, if any are given."""
+    return [_port_of(s) for m in messages if not roles or m.role in roles for s in m.ports]

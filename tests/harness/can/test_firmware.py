@@ -1040,11 +1040,11 @@ def looped(
         address = Address("slcanbulk", str(board.link))
         node = ControllerNode(load(dbc), "Loop", address, Hil(), 1e-3)
         node.open()
-        node.meet()
+        node.wait_for_board()
         for k in range(ticks):
-            node.wait(k)
-            if node.held is not None:
-                taken[node.held.number] = node.held.values
+            sample = node.wait(k).sample
+            if sample is not None:
+                taken[sample.number] = sample.values
             node.transmit([0.1, 0.15, 0.2])
         node.close()
     return node, taken, board
