@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from harness.can.channel import Address, CanChannel, now
 from harness.can.database import Database
 from harness.can.reception import Reception
@@ -59,8 +61,12 @@ class BusNode:
         message = self.channel.receive(timeout)
         if message is None:
             return False
-        self.reception.receive(message)
+        self._received(message)
         return True
+
+    def _received(self, message: Any) -> None:
+        """Take a frame that came in."""
+        self.reception.receive(message)
 
     def _receive_all(self) -> None:
         """Receive what has arrived."""

@@ -99,7 +99,7 @@ class CanChannel:
             self._options.setdefault("fd", True)
         self.state = ChannelState.OPEN
         self.reason = ""
-        self.offs = 0
+        self.bus_offs = 0
         self._since = 0
         self._next_try = 0
         self._bus = self._open()
@@ -143,8 +143,8 @@ class CanChannel:
             return None
         if message is None:
             return None
-        stamp, there = round(message.timestamp * 1e6), now()
-        message.timestamp = stamp if 0 <= there - stamp < _TRUSTED else there
+        stamp, time_now = round(message.timestamp * 1e6), now()
+        message.timestamp = stamp if 0 <= time_now - stamp < _TRUSTED else time_now
         if self._transport.is_bus_off(message):
             self._leave(ChannelState.BUS_OFF, "the controller is off the bus")
             return None
@@ -191,26 +191,26 @@ class CanChannel:
 
     def recovered(self) -> None:
         """Take note of a whole sample: earlier trouble is over."""
-        self.offs = 0
+        self.bus_offs = 0
 
     def _leave(self, state: ChannelState, reason: str) -> None:
         self.state, self.reason = state, reason
         self._since = now()
         self._next_try = self._since + RETRY
         if state is ChannelState.BUS_OFF:
-            self.offs += 1
-            if self.offs > TRIES:
+            self.bus_offs += 1
+            if self.bus_offs > TRIES:
                 self.state = ChannelState.FAILED
                 self.reason = f"off the bus again after {TRIES} restarts without a whole sample"
 
     def _restore(self) -> None:
-        there = now()
-        if self.state is ChannelState.FAILED or there < self._next_try:
+        time_now = now()
+        if self.state is ChannelState.FAILED or time_now < self._next_try:
             return
-        self._next_try = there + RETRY
+        self._next_try = time_now + RETRY
         if self._came_back():
             self.state = ChannelState.OPEN
-        elif there - self._since > self._address.reconnect_timeout * 1e6:
+        elif time_now - self._since > self._address.reconnect_timeout * 1e6:
             self.reason += (
                 f", and it did not come back within {self._address.reconnect_timeout:g} s"
             )

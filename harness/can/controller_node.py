@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
+from typing import Any
 
 from harness.can.bus_node import BusNode
 from harness.can.channel import Address, ChannelState, now
@@ -143,14 +144,10 @@ class ControllerNode(BusNode):
             channel.recovered()
         return taken
 
-    def _receive_one(self, timeout: float) -> bool:
-        message = self.channel.receive(timeout)
-        if message is None:
-            return False
+    def _received(self, message: Any) -> None:
         if self.log is not None:
             self.log.frame(message)
-        self.cycle.receive(message)
-        return True
+        self.reception.receive(message)
 
     def transmit(self, wanted: Sequence[float]) -> tuple[Command, float] | None:
         """Send the tick's command, and what else is due.

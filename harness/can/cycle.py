@@ -152,20 +152,13 @@ class ControllerCycle:
         """True once there has been a good command."""
         return bool(self._wanted)
 
-    def receive(self, frame: Any) -> None:
-        """Take a frame as soon as it is there; see `cycle`.
-
-        Args:
-            frame: message of python-can, its time in [us].
-        """
-        self.reception.receive(frame)
-
     def cycle(self, frames: Iterable[Any], tick: Tick) -> CycleInput:
         """Return what a tick takes from the bus.
 
         Args:
-            frames: all since the tick before, in their order. Those that were given to `receive`
-                already are left out: then nothing is left to decode when the tick begins.
+            frames: messages of python-can since the tick before, times in [us]. Those that were
+                given to `reception.receive` as they arrived are left out: then nothing is left to
+                decode when the tick begins.
             tick: its beginning.
 
         Raises:
@@ -180,8 +173,9 @@ class ControllerCycle:
         if tick.overran:
             self._overrun()
         steps, is_fresh = self._advance()
-        self._log_events(*reception.events)
-        reception.events.clear()
+        if reception.events:
+            self._log_events(*reception.events)
+            reception.events.clear()
         fault = self._find_fault(tick.state)
         if fault != self._fault:
             words = f"invalid: {fault}" if fault else f"valid again after {self._fault}"

@@ -36,6 +36,7 @@ class DeviceNode(BusNode):
         injection: of these faults; None without any.
         ramp: voltages that are applied.
         mode: of the last command that was good; `OFF` without one.
+        is_commanded: whether there is a good command.
         index: of the present sample.
         ended: the loop has said that it stops, or has not been heard for long.
     """
@@ -74,6 +75,7 @@ class DeviceNode(BusNode):
         stacks = () if self._command is None else self._command.message.ports
         self.ramp = VoltageRamp([stack.range for stack in stacks], database.ramp_rate * step)
         self.mode = OFF
+        self.is_commanded = False
         self.index = 0
         self.ended = False
         self._start = 0
@@ -124,12 +126,8 @@ class DeviceNode(BusNode):
         if command is None:
             return
         wanted, self.mode = self._commanded(command)
+        self.is_commanded = wanted is not None
         self.ramp.step(wanted)
-
-    @property
-    def is_commanded(self) -> bool:
-        """True if there is a good command."""
-        return self._command is not None and self._commanded(self._command)[0] is not None
 
     def _commanded(self, command: ReceivedMessage) -> tuple[list[float] | None, int]:
         """Return the voltages of the last good command, None: rest; and its mode."""

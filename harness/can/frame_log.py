@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Generator
+from collections.abc import Generator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -43,18 +44,19 @@ class FrameLog:
         self.path = path
         self._message = can.Message
         self._buffer: list[Any] = []
-        self._ends: list[Callable[[], None]] = []
+        self._open = ExitStack()
         binary = path.suffix == SUFFIXES["blf"]
         try:
             file: Any = BackgroundFile(path)
             if not binary:
                 file = io.TextIOWrapper(file, "ascii")
-            self._ends.append(file.close)
+            self._open.callback(file.close)
             writer: Any = can.BLFWriter if binary else can.CanutilsLogWriter
             self._writer = writer(file)
-            self._ends.insert(0, self._writer.stop)
+            self._open.callback(self._writer.stop)
         except OSError as error:
-            self._end()
+            with suppress(OSError):
+                self._open.close()
             raise FaultError(f"the log of frames {path}: {reason(error)}") from None
 
     def frame(self, message: Any) -> None:
@@ -96,21 +98,10 @@ class FrameLog:
             FaultError: the disk does not take it.
         """
         try:
-            self.flush()
-        finally:
-            failure = self._end()
-        if failure is not None:
-            raise FaultError(f"the log of frames {self.path}: {reason(failure)}")
-
-    def _end(self) -> OSError | None:
-        """Close writer and file; the first thing that went wrong."""
-        found: OSError | None = None
-        for end in self._ends:
-            try:
-                end()
-            except OSError as error:
-                found = found or error
-        return found
+            with self._open:
+                self.flush()
+        except OSError as error:
+            raise FaultError(f"the log of frames {self.path}: {reason(error)}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -309,7 +309,7 @@ class Reception:
         return ""
 
     def restart(self) -> None:
-        """Begin anew after the channel was lost: incomplete samples are void, counters start again."""
+        """Drop incomplete samples and restart the counters: the channel was lost."""
         self._slots.clear()
         self.ready.clear()
         self._gap = True

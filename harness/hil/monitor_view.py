@@ -35,12 +35,12 @@ __all__ = [
     "WINDOW",
     "Count",
     "Feed",
-    "Live",
     "MonitorState",
-    "Pulse",
+    "MonitoredRings",
     "Rows",
     "Tip",
     "View",
+    "Watchdog",
     "fresh",
     "histogram",
     "joined",
@@ -70,7 +70,7 @@ class MonitorState(enum.Enum):
     STOPPED = "stopped"
 
 
-class Pulse:
+class Watchdog:
     """Tells from a ring's count whether its writer lives: it does while the count rises."""
 
     def __init__(self) -> None:
@@ -300,7 +300,7 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
         intent=signals.get("intent"),
     )
     intent = intent_of(motion)
-    assert intent is not None  # it can be made from `moved`
+    assert intent is not None  # it can be made from `tip_uncompensated`
     without, error = signals["tip_uncompensated"] - intent, signals["tip"] - intent
     without, error = without - without.mean(axis=0), error - error.mean(axis=0)
     spectra = None
@@ -374,7 +374,7 @@ class _Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.pulse = Pulse()
+        self.watchdog = Watchdog()
         self.ring: Ring | None = None
         self._taken: tuple[int, ...] = ()
 
@@ -393,7 +393,7 @@ class _Source:
         return Rows(ring.step, ticks, tuple(ring.columns[i] for i in taken), values)
 
 
-class Live:
+class MonitoredRings:
     """The rings of a loop and its boards, opened as they appear. For any number of threads.
 
     Attributes:
@@ -436,7 +436,7 @@ class Live:
         """State of each ring's writer, the loop's first, and for how long it has been quiet [s]."""
         now = time.monotonic()
         with self._lock:
-            return [(each.path, *each.pulse.look(each.ring, now)) for each in self._sources]
+            return [(each.path, *each.watchdog.look(each.ring, now)) for each in self._sources]
 
     def view(self) -> View:
         """Return the present view."""

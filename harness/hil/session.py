@@ -21,6 +21,7 @@ from fmu_src.errors import SteadytipError
 from harness.can.controller_node import ControllerNode
 from harness.can.frame_log import SUFFIXES, FrameLog
 from harness.common.errors import FaultError
+from harness.common.processes import end_process
 from harness.hil.board import BUS, part_on_bus, world_scenario
 from harness.hil.clock import Session, TickClock, WallClock
 from harness.hil.monitor import start_monitor
@@ -45,9 +46,9 @@ WORLD = "board"
 _LOOP_RING, _BOARD_RING = "loop.ring", "board.ring"
 READY = "on the bus"
 """Line with which an emulated board says that it is."""
-_PATIENCE = 120.0  # s for an emulated board to build and load its FMUs
+_START_TIMEOUT = 120.0  # s for an emulated board to build and load its FMUs
 _MARGIN = 10.0  # s that the C program's recording is longer than the run
-_ENDING = 20.0  # s for it to write its record
+_END_TIMEOUT = 20.0  # s for it to write its record
 
 
 class _SampleClock(TickClock):
@@ -78,27 +79,27 @@ class _Board:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         # What it says goes to a file: a pipe that nobody reads would stop it.
-        self._said = folder / "board.txt"
+        self._output = folder / "board.txt"
         command = [sys.executable, "-c", "from harness.cli.main import main; main()", "board"]
-        with self._said.open("wb") as said:
+        with self._output.open("wb") as output:
             self._process = subprocess.Popen(
                 [*command, *arguments, "--out", str(folder)],
                 stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
+                stdout=output,
+                stderr=output,
                 # Ctrl-C is for the loop, which then ends the board in order.
                 start_new_session=True,
             )
-        until = time.monotonic() + _PATIENCE
+        until = time.monotonic() + _START_TIMEOUT
         # As a whole line: what else it says may have these words in it.
-        while READY not in self._said.read_text(errors="replace").splitlines():
+        while READY not in self._output.read_text(errors="replace").splitlines():
             if self._process.poll() is not None or time.monotonic() > until:
                 self._process.kill()
-                raise SteadytipError(f"the emulated board did not start: {self._words()}")
+                raise SteadytipError(f"the emulated board did not start: {self._text()}")
             time.sleep(0.02)
 
-    def _words(self) -> str:
-        words = self._said.read_text(errors="replace").strip()
+    def _text(self) -> str:
+        words = self._output.read_text(errors="replace").strip()
         return words or "it said nothing"
 
     def abandon(self) -> None:
@@ -115,15 +116,12 @@ class _Board:
         """
         try:
             # It ends by itself when the loop has said that it stops, and then writes its record.
-            self._process.wait(_ENDING)
+            code = self._process.wait(_END_TIMEOUT)
         except subprocess.TimeoutExpired:
-            self._process.terminate()
-        try:
-            code = self._process.wait(_ENDING)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            return f"the emulated board did not end within {_ENDING:g} s and was killed"
-        return f"the emulated board ended with exit code {code}: {self._words()}" if code else ""
+            if not end_process(self._process, _END_TIMEOUT):
+                return f"the emulated board did not end within {_END_TIMEOUT:g} s and was killed"
+            code = self._process.returncode
+        return f"the emulated board ended with exit code {code}: {self._text()}" if code else ""
 
 
 class _Firmware:

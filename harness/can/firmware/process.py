@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from fmu_src.errors import SteadytipError
 from harness.can.database import load
 from harness.can.firmware.build import build_board
+from harness.common.processes import end_process
 
 __all__ = ["CHANNELS", "FirmwareBoard", "fault_kinds", "write_samples"]
 
@@ -31,8 +32,8 @@ CHANNELS = tuple(
 )
 """Of a sample, in the order of its columns."""
 _POLL = 0.002  # s
-_TO_START = 5.0  # s until the link is there
-_TO_END = 2.0  # s from asking to killing
+_START_TIMEOUT = 5.0  # s until the link is there
+_END_TIMEOUT = 2.0  # s from asking to killing
 
 
 @cache
@@ -162,7 +163,7 @@ class FirmwareBoard:
             text=True,
             start_new_session=True,  # Ctrl-C is for whoever started it
         )
-        end = time.monotonic() + _TO_START
+        end = time.monotonic() + _START_TIMEOUT
         while not self.link.exists():
             self.check()
             if time.monotonic() > end:
@@ -212,13 +213,7 @@ class FirmwareBoard:
         """End the program: asked first, killed if it does not listen. Safe to call again."""
         if self._process is None:
             return
-        if self._process.poll() is None:
-            self._process.terminate()
-            try:
-                self._process.wait(_TO_END)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+        end_process(self._process, _END_TIMEOUT)
         self._collected()
 
     @property

@@ -12,7 +12,6 @@ of the wire's output.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
 from harness.can.database import Database
@@ -21,7 +20,6 @@ from harness.common.types import FloatArray
 from harness.parts.can.part import BusPart, BusSibling
 from harness.parts.can.settings import Keys, ports_of
 from harness.parts.ports import Port, unit_of
-from harness.parts.protocols import RunContext
 
 if TYPE_CHECKING:
     from harness.can.controller_node import ControllerNode
@@ -104,18 +102,10 @@ class FeedPart(BusPart["ControllerNode"]):
         self.companion = CommandPart(self)
         self.siblings = {self.companion.name: self.companion} if self.companion.inputs else {}
 
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """Go on the bus; see `Part.start`."""
-        super().start(run, connected, initialised, u, y)
-        self._mapper = RxMapper(self.node.reception, y)
-        self._status = y[self._mapper.width :]
+    def _prepare(self) -> None:
+        super()._prepare()
+        self._mapper = RxMapper(self.node.reception, self._y)
+        self._status = self._y[self._mapper.width :]
         self._status[0] = OLDEST
 
     def advance(self, t: float, h: float) -> None:
@@ -163,16 +153,8 @@ class CommandPart(BusSibling["ControllerNode"]):
             ),
         )
 
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """See `Part.start`."""
-        super().start(run, connected, initialised, u, y)
+    def _prepare(self) -> None:
+        connected = self._connected
         names = [port.name for port in self.inputs]
         self._order = [connected.index(name) for name in names if name in connected]
         missing = [name for name in names if name not in connected]

@@ -51,6 +51,25 @@ class _OnBus(Generic[NodeT]):
             raise FaultError("is on a CAN bus, which keeps to the wall clock: steadytip hil")
         return self._node
 
+    def start(
+        self,
+        run: RunContext,
+        connected: Sequence[str],
+        initialised: Sequence[bool],
+        u: FloatArray,
+        y: FloatArray,
+    ) -> None:
+        """Take inputs and outputs over; see `Part.start`."""
+        self._u, self._y, self._connected = u, y, tuple(connected)
+        self._y[:] = 0.0
+        self._prepare()
+
+    def _prepare(self) -> None:
+        """Do what else has to be done before the first tick."""
+
+    def close(self) -> None:
+        """Do nothing: one part leaves the bus for all."""
+
     def metadata(self) -> dict[str, Any]:
         """Kind of the part and file of its messages."""
         return {"kind": self.kind, "file": self.database.path.name}
@@ -63,21 +82,6 @@ class BusSibling(_OnBus[NodeT]):
         super().__init__(f"{owner.name}.{name}", owner.keys, owner.database, owner._node)
         self.kind = owner.kind
         self._owner = owner.name
-
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """See `Part.start`."""
-        self._u, self._y, self._connected = u, y, tuple(connected)
-        self._y[:] = 0.0
-
-    def close(self) -> None:
-        """Do nothing: the other part leaves the bus for both."""
 
     def metadata(self) -> dict[str, Any]:
         """Name the part that it belongs to."""
@@ -95,17 +99,8 @@ class BusPart(_OnBus[NodeT]):
         part = type(self)(self.name, self.keys, self.database, node)
         return {part.name: part, **part.siblings}  # type: ignore[dict-item]
 
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """Go on the bus; see `Part.start`."""
-        self._y = y
-        self._y[:] = 0.0
+    def _prepare(self) -> None:
+        """Go on the bus."""
         self.node.open()
 
     def close(self) -> None:

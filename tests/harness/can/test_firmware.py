@@ -129,7 +129,7 @@ class Host:
         self.answers: list[str] = []
         self.stamps: list[int] = []
         self._stamped = stamped
-        self._rest = ""
+        self._incomplete = ""
         self.is_beating = True
         self._beat = 0.0
         if speak:
@@ -155,7 +155,7 @@ class Host:
             return 0
         if not text:
             raise ConnectionError("the terminal has no other end any more")
-        *lines, self._rest = (self._rest + text.replace("\a", "\a\r")).split("\r")
+        *lines, self._incomplete = (self._incomplete + text.replace("\a", "\a\r")).split("\r")
         before, now = len(self.frames), time.monotonic()
         for line in lines:
             found = re.fullmatch(r"([tb])([0-9A-F]{3})([0-9A-F])((?:[0-9A-F]{2})*)", line)

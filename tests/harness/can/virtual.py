@@ -92,7 +92,7 @@ class Rig:
 
     def receive(self, frame: can.Message) -> None:
         """A frame arrives at the loop."""
-        self.loop.receive(frame)
+        self.loop.reception.receive(frame)
 
     def begin(self, tick: Tick) -> None:
         """A tick of the loop begins."""
