@@ -1,4 +1,4 @@
-"""A python-can bus whose troubles are states and not exceptions.
+"""A python-can bus whose failures are states and not exceptions.
 
 | state | how it comes about | what is done |
 | --- | --- | --- |
@@ -190,7 +190,7 @@ class CanChannel:
         self._next_try = self._since + round(seconds * 1e6)
 
     def recovered(self) -> None:
-        """Take note of a whole sample: earlier trouble is over."""
+        """Count restarts anew after a whole sample."""
         self.bus_offs = 0
 
     def _leave(self, state: ChannelState, reason: str) -> None:

@@ -178,7 +178,7 @@ class FaultInjection:
         return values
 
     def __call__(self, channel: Any, id: int, data: bytes, is_fd: bool, extended: bool) -> None:
-        """Send a frame, or do something worse with it."""
+        """Send a frame, or what the active faults make of it."""
         reordered, self._reordered = self._reordered, None
         frames: list[Frame] = [(id, data, is_fd, extended)]
         for fault in self._active:

@@ -26,7 +26,7 @@ dropped until the board's own sample counter comes by.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from harness.can.clock import BoardClock
@@ -129,7 +129,7 @@ class _Slot:
 
     begun: int
     left: int
-    parts: list[tuple[float, ...] | None] = field(default_factory=list)
+    parts: list[tuple[float, ...] | None]
 
 
 class Reception:
@@ -165,15 +165,8 @@ class Reception:
             part.part = index
         self._slots: dict[int, _Slot] = {}
         self._stale = (self._parts[0].modulus // 2 if self._parts else 7) * period
-        self._numbered = next(
-            (
-                sum(len(h.message.signals) for h in self._parts[: part.part]) + index
-                for part in self._parts
-                for index, s in enumerate(part.message.signals)
-                if s.name == "sample"
-            ),
-            None,
-        )
+        self._numbered = self.signals.index("sample") if "sample" in self.signals else None
+        """Place of the sample's own number among its values."""
         self._gap = True
         """Whether the counter alone does not tell the next sample's number."""
         self._number: int | None = None
@@ -396,7 +389,7 @@ class Reception:
         self._restarted = False
 
     def _number_of(self, counter: int, time: int, values: tuple[float, ...]) -> int | None:
-        """Return the number of a complete sample; None if it cannot be told."""
+        """Return the number of a complete sample; None if it is not known."""
         if self._numbered is not None:
             number = int(values[self._numbered])
             if self._number is not None and self._number - number > _FAR:

@@ -273,26 +273,26 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
         rings: the last rows of each.
         roles: columns by role; without `intent`, `metrics.intent_of` finds it.
     """
-    homes: dict[str, Rows] = {}
+    sources: dict[str, Rows] = {}
     for role in ("tip_uncompensated", "tip", "intent"):
         names = roles.get(role, ())
         for rows in rings:
             if names and set(names) <= {column.name for column in rows.columns}:
-                homes.setdefault(role, rows)
-    if not {"tip_uncompensated", "tip"} <= set(homes):
+                sources.setdefault(role, rows)
+    if not {"tip_uncompensated", "tip"} <= set(sources):
         return None
-    known = {role: rows.samples() for role, rows in homes.items()}
+    known = {role: rows.samples() for role, rows in sources.items()}
     common, places = joined([numbers for numbers, _ in known.values()])
     if len(common) < 2:
         return None
     grid = np.arange(common[0], common[-1] + 1)
     signals: dict[str, FloatArray] = {}
-    for (role, rows), place in zip(homes.items(), places, strict=True):
+    for (role, rows), place in zip(sources.items(), places, strict=True):
         values = rows.of(roles[role])[known[role][1][place]]
         if len(grid) > len(common):
             values = np.column_stack([np.interp(grid, common, each) for each in values.T])
         signals[role] = values
-    step = homes["tip"].step
+    step = sources["tip"].step
     motion = Motion(
         step,
         tip_uncompensated=signals["tip_uncompensated"],
@@ -356,7 +356,7 @@ def view_of(
         name for name in roles.get("actuator_voltage", ()) if loop.names(name)
     )
     mode, latency = loop.names(_MODE), loop.names(_LATENCY)
-    took = loop.of(latency)[arrived] if latency else None
+    latencies = loop.of(latency)[arrived] if latency else None
     return View(
         seconds=now,
         time=np.asarray(loop.ticks * loop.step - now),
@@ -364,7 +364,7 @@ def view_of(
         tip_time=tip_time,
         volts=(names, loop.of(names)),
         mode=loop.of(mode)[:, 0] if mode else None,
-        latency=None if took is None else took[took > 0.0],  # 0: no new one
+        latency=None if latencies is None else latencies[latencies > 0.0],  # 0: no new one
         feeds=tuple(_feed(loop, name) for name in loop.feeds),
     ), shift
 

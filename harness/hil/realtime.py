@@ -1,4 +1,4 @@
-"""A thread that keeps to the wall clock: what Python and the kernel have to be told for that.
+"""A thread that keeps to the wall clock, and the settings of Python and kernel that it needs.
 
 | what hurts | what is done |
 | --- | --- |

@@ -95,7 +95,7 @@ class _LoggedNode(ControllerNode):
             if not entry.was_sent:
                 frames.append(entry.message)
                 continue
-            # Sent then and not now: a heartbeat while the board was waited for, or worse.
+            # Sent then and not now: a heartbeat while the board was waited for, or a difference.
             command = self.cycle.command_message
             unsent += command is not None and self._has(entry, command)
             self.reception.sent(sum(h.seconds for h in self._heartbeats if self._has(entry, h)))

@@ -152,9 +152,11 @@ class _Firmware:
         name = part_on_bus(scenario)
         length = dataclasses.replace(scenario, seconds=scenario.seconds + _MARGIN)
         world = assemble(world_scenario(length), motion)
-        felt = perform(world, folder / "sensors", report=False)
-        volts = np.column_stack([felt.signals(f"{name}.volts_{c}") for c in CHANNELS])
-        samples = write_samples(folder / "samples.csv", volts, felt.signals(f"{name}.temperature"))
+        sensed = perform(world, folder / "sensors", report=False)
+        volts = np.column_stack([sensed.signals(f"{name}.volts_{c}") for c in CHANNELS])
+        samples = write_samples(
+            folder / "samples.csv", volts, sensed.signals(f"{name}.temperature")
+        )
         settings = scenario.parts[name].settings
         self._board = FirmwareBoard(
             samples,

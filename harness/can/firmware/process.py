@@ -73,20 +73,11 @@ def write_samples(
             f"{path}: volts have the shape {channels.shape}, they need (samples, {len(CHANNELS)}): "
             f"{', '.join(CHANNELS)}"
         )
-    columns = [channels]
-    names = [f"volts_{channel}" for channel in CHANNELS]
-    forms = ["%.7f"] * len(CHANNELS)
-    for name, form, values in (
-        ("temperature", "%.2f", temperature),
-        ("field_new", "%d", field_new),
-    ):
-        if values is not None:
-            columns.append(np.asarray(values, dtype=float).reshape(-1, 1))
-            names.append(name)
-            forms.append(form)
-    np.savetxt(
-        path, np.hstack(columns), fmt=forms, delimiter=",", header=",".join(names), comments=""
-    )
+    columns = [(f"volts_{c}", "%.7f", volt) for c, volt in zip(CHANNELS, channels.T, strict=True)]
+    optional = ("temperature", "%.2f", temperature), ("field_new", "%d", field_new)
+    columns += [(n, form, np.asarray(v, float)) for n, form, v in optional if v is not None]
+    names, forms, values = zip(*columns, strict=True)
+    np.savetxt(path, np.column_stack(values), forms, ",", header=",".join(names), comments="")
     return path
 
 
@@ -143,7 +134,7 @@ class FirmwareBoard:
         for fault in faults:
             self._arguments += ["--fault", fault]
         self._process: subprocess.Popen[str] | None = None
-        self._summary = self._said = ""
+        self._summary = self._errors = ""
 
     def start(self) -> None:
         """Start the program and wait until its terminal is there.
@@ -183,15 +174,15 @@ class FirmwareBoard:
             SteadytipError: it ended by a mistake or a signal; with what it says.
         """
         if self._process is not None and self._process.poll() not in (None, 0):
-            code, said = self._process.returncode, self._collected()
-            raise SteadytipError(f"the board ended with status {code}: {said or 'no word'}")
+            code, errors = self._process.returncode, self._collected()
+            raise SteadytipError(f"the board ended with status {code}: {errors or 'no word'}")
 
     def _collected(self) -> str:
         """Return what the ended process wrote to standard error, and keep its summary."""
         assert self._process is not None
         if self._process.stdout is None or not self._process.stdout.closed:
-            self._summary, self._said = self._process.communicate()
-        return self._said.strip()
+            self._summary, self._errors = self._process.communicate()
+        return self._errors.strip()
 
     def wait(self, timeout: float) -> None:
         """Wait until the program ends by itself, after the recording's end.

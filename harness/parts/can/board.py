@@ -6,20 +6,18 @@ part `bus.samples`    inputs: values of the samples and of the status
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from harness.can.database import Database
+from harness.can.device_node import DeviceNode
 from harness.parts.can.part import BusPart, BusSibling
 from harness.parts.can.settings import Keys, ports_of
 from harness.parts.ports import Port
 
-if TYPE_CHECKING:
-    from harness.can.device_node import DeviceNode
-
 __all__ = ["BoardPart"]
 
 
-class BoardPart(BusPart["DeviceNode"]):
+class BoardPart(BusPart[DeviceNode]):
     """What the loop commands, as the outputs of a part."""
 
     kind = "board"
@@ -50,7 +48,7 @@ class BoardPart(BusPart["DeviceNode"]):
         return about
 
 
-class SamplesPart(BusSibling["DeviceNode"]):
+class SamplesPart(BusSibling[DeviceNode]):
     """What a board samples, as the inputs of a part; what nothing drives is not available."""
 
     def __init__(self, board: BoardPart) -> None:

@@ -12,19 +12,17 @@ of the wire's output.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from harness.can.controller_node import ControllerNode
+from harness.can.cycle import CycleInput
 from harness.can.database import Database
+from harness.can.reception import FAULTS, Reception
 from harness.common.errors import FaultError
 from harness.common.types import FloatArray
 from harness.parts.can.part import BusPart, BusSibling
 from harness.parts.can.settings import Keys, ports_of
 from harness.parts.ports import Port, unit_of
-
-if TYPE_CHECKING:
-    from harness.can.controller_node import ControllerNode
-    from harness.can.cycle import CycleInput
-    from harness.can.reception import Reception
 
 __all__ = ["CommandPart", "FeedPart", "received_ports"]
 
@@ -75,7 +73,7 @@ class RxMapper:
                 self._y[span] = [values[i] for i in picked]
 
 
-class FeedPart(BusPart["ControllerNode"]):
+class FeedPart(BusPart[ControllerNode]):
     """What a board sends, as the outputs of a part.
 
     Attributes:
@@ -87,8 +85,6 @@ class FeedPart(BusPart["ControllerNode"]):
     def __init__(
         self, name: str, keys: Keys, database: Database, node: ControllerNode | None = None
     ) -> None:
-        from harness.can.reception import FAULTS
-
         super().__init__(name, keys, database, node)
         self.outputs = (
             *received_ports(database, keys.node),
@@ -133,7 +129,7 @@ class FeedPart(BusPart["ControllerNode"]):
         }
 
 
-class CommandPart(BusSibling["ControllerNode"]):
+class CommandPart(BusSibling[ControllerNode]):
     """What a node commands, as the inputs of a part."""
 
     def __init__(self, feed: FeedPart) -> None:

@@ -9,8 +9,9 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any, Generic, TypeVar
+from typing import Any, Generic, TypeVar
 
+from harness.can.bus_node import BusNode
 from harness.can.database import Database
 from harness.common.errors import FaultError
 from harness.common.types import FloatArray
@@ -18,12 +19,9 @@ from harness.parts.can.settings import Keys
 from harness.parts.ports import Port
 from harness.parts.protocols import Part, RunContext
 
-if TYPE_CHECKING:
-    from harness.can.bus_node import BusNode
-
 __all__ = ["BusPart", "BusSibling"]
 
-NodeT = TypeVar("NodeT", bound="BusNode")
+NodeT = TypeVar("NodeT", bound=BusNode)
 
 
 class _OnBus(Generic[NodeT]):

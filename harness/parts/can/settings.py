@@ -3,20 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 
-from pydantic import BaseModel, ConfigDict, Field
+from pydantic import Field
 
+from harness.can.channel import Address
 from harness.can.database import Message, Signal
+from harness.common.strict_model import StrictModel
 from harness.parts.ports import Port, unit_of
-
-if TYPE_CHECKING:
-    from harness.can.channel import Address
 
 __all__ = ["Keys", "ports_of"]
 
 
-class Keys(BaseModel):
+class Keys(StrictModel):
     """Settings of a part on a bus.
 
     Attributes:
@@ -29,20 +28,16 @@ class Keys(BaseModel):
         reconnect: how long an unplugged bus is waited for [s].
     """
 
-    model_config = ConfigDict(extra="forbid", strict=True)
-
     can: str
     interface: str | None = None
     channel: str | None = None
-    options: dict[str, Any] = {}
+    options: dict[str, Any] = Field(default_factory=dict)
     node: str = "Loop"
-    replaces: list[str] = []
+    replaces: list[str] = Field(default_factory=list)
     reconnect: Annotated[float, Field(ge=0.0)] = 10.0
 
     def address(self) -> Address:
         """Return the address of the bus."""
-        from harness.can.channel import Address
-
         return Address(self.interface, self.channel, self.options, self.reconnect)
 
 
