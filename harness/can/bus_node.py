@@ -57,19 +57,19 @@ class BusNode:
         return self._channel
 
     def _receive_one(self, timeout: float) -> bool:
-        """Receive a frame; False if none comes in time [s]."""
-        message = self.channel.receive(timeout)
-        if message is None:
+        """Receive and decode a frame; False if none comes in time [s]."""
+        frame = self._next_frame(timeout)
+        if frame is None:
             return False
-        self._received(message)
+        self.reception.receive(frame)
         return True
 
-    def _received(self, message: Any) -> None:
-        """Take a frame that came in."""
-        self.reception.receive(message)
+    def _next_frame(self, timeout: float) -> Any:
+        """Return the next frame as it is; None if there is none in time [s]."""
+        return self.channel.receive(timeout)
 
     def _receive_all(self) -> None:
-        """Receive what has arrived."""
+        """Receive and decode what has arrived."""
         while self._receive_one(0.0):
             pass
 

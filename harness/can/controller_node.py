@@ -131,11 +131,12 @@ class ControllerNode(BusNode):
             left = deadline - now()
             if not self._receive_one(max(left, 0) * 1e-6) and left <= 0:
                 break
-        if overran or not ready or now() - ready[-1].time > self._period / 2:
-            self._receive_all()
+        is_behind = overran or not ready or now() - ready[-1].time > self._period / 2
+        arrived = iter(lambda: self._next_frame(0.0), None) if is_behind else ()
+        frames = [*arrived]
         channel.tick()
         tick = Tick(index, now(), channel.state, overran, channel.reason)
-        taken = self.input = self.cycle.cycle((), tick)
+        taken = self.input = self.cycle.cycle(frames, tick)
         if self.log is not None:
             self.log.tick(tick.time, taken.packed())
         if tick.state is ChannelState.FAILED:
@@ -144,10 +145,11 @@ class ControllerNode(BusNode):
             channel.recovered()
         return taken
 
-    def _received(self, message: Any) -> None:
-        if self.log is not None:
-            self.log.frame(message)
-        self.reception.receive(message)
+    def _next_frame(self, timeout: float) -> Any:
+        frame = super()._next_frame(timeout)
+        if frame is not None and self.log is not None:
+            self.log.frame(frame)
+        return frame
 
     def transmit(self, wanted: Sequence[float]) -> tuple[Command, float] | None:
         """Send the tick's command, and what else is due.

@@ -82,7 +82,6 @@ class _LoggedNode(ControllerNode):
     def steps(self, index: int) -> int:
         """Run the cycle with the frames until the next tick of the log; return its steps or 0."""
         unsent = 0
-        frames: list[Any] = []
         while (entry := self._pop()) is not None:
             if entry.tick is not None:
                 self.commands += unsent
@@ -90,10 +89,10 @@ class _LoggedNode(ControllerNode):
                 _, _, state, overran = TICK.unpack(entry.tick)
                 self._state = ChannelState(state)
                 tick = Tick(index, entry.time, self._state, bool(overran))
-                self.input = self.cycle.cycle(frames, tick)
+                self.input = self.cycle.cycle((), tick)
                 return self.input.steps
             if not entry.was_sent:
-                frames.append(entry.message)
+                self.reception.receive(entry.message)
                 continue
             # Sent then and not now: a heartbeat while the board was waited for, or a difference.
             command = self.cycle.command_message

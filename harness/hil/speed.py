@@ -38,8 +38,8 @@ _METRICS = {
     "latency_p99": ("latency, 99 %", "us", _MICRO),
     "wake_up_p50": ("wake-up, median", "us", _MICRO),
     "wake_up_p99": ("wake-up, 99 %", "us", _MICRO),
-    "lost_samples": ("lost samples", "", 1.0),
-    "overruns": ("overruns", "", 1.0),
+    "lost_samples": ("lost samples", "", 1),
+    "overruns": ("overruns", "", 1),
 }
 """Figures of a run: words, unit, and the factor to it."""
 _CALLS, _REPEATS = 2000, 5

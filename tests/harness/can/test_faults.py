@@ -2,6 +2,7 @@
 
 import math
 
+import can
 import numpy as np
 import pytest
 
@@ -234,8 +235,6 @@ def test_wrong_length(dbc) -> None:
 
 @pytest.mark.parametrize("kind", ["is_remote_frame", "is_error_frame"])
 def test_remote_and_error_frames_with_an_id_of_ours(kind) -> None:
-    import can
-
     rig = Rig()
     rig.run(BEGUN)
     odd = {kind: True, **({"dlc": 8} if kind == "is_remote_frame" else {"data": bytes(8)})}
@@ -372,3 +371,24 @@ def test_the_same_faults_and_seed_give_the_same_run() -> None:
 
     assert one(3) == one(3)
     assert one(3) != one(4)
+
+
+class Batched(Rig):
+    """A loop that decodes no frame before its tick begins."""
+
+    arrived: tuple[can.Message, ...] = ()
+
+    def receive(self, frame: can.Message) -> None:
+        self.arrived = (*self.arrived, frame)
+
+    def begin(self, tick: Tick) -> None:
+        self.input, self.arrived = self.loop.cycle(self.arrived, tick), ()
+
+
+def test_a_tick_is_the_same_whether_frames_are_decoded_on_arrival_or_all_at_once() -> None:
+    faults = [InjectedFault("drop", 0.1), InjectedFault("reorder", 0.05)]
+    seen: tuple[list, list] = ([], [])
+    for kind, inputs in zip((Rig, Batched), seen, strict=True):
+        kind(faults=faults, seed=3, each=lambda rig, to=inputs: to.append(rig.input)).run(300)
+    assert seen[0] == seen[1]
+    assert any(taken.fault for taken in seen[0])
