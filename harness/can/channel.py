@@ -1,10 +1,10 @@
-"""A python-can bus whose troubles are states and not exceptions.
+"""A python-can bus whose failures are states and not exceptions.
 
 | state | how it comes about | what is done |
 | --- | --- | --- |
 | `OPEN` | | |
 | `BUS_OFF` | an error frame or the driver says so | silent for 100 ms, begin anew; three times |
-| `GONE` | reading or writing fails: unplugged | try each 100 ms, as long as `patience` says |
+| `UNPLUGGED` | reading or writing fails: unplugged | try each 100 ms until `reconnect_timeout` |
 | `FAILED` | all of that in vain | nothing any more |
 
 Times are microseconds of the real-time clock, carried on by the monotonic one, so that setting the
@@ -40,11 +40,11 @@ def now() -> int:
 
 
 class ChannelState(IntEnum):
-    """Of a medium."""
+    """Of a CAN channel."""
 
     OPEN = 0
     BUS_OFF = 1
-    GONE = 2
+    UNPLUGGED = 2
     FAILED = 3
 
 
@@ -56,13 +56,13 @@ class Address:
         interface: of python-can; None: as its own configuration has it.
         channel: of the interface; None: as its own configuration has it.
         options: all else that the interface takes.
-        patience: how long an unplugged medium is waited for [s].
+        reconnect_timeout: how long an unplugged bus is waited for [s].
     """
 
     interface: str | None
     channel: str | None
     options: Mapping[str, Any] = field(default_factory=dict)
-    patience: float = 10.0
+    reconnect_timeout: float = 10.0
 
     def __str__(self) -> str:
         return (
@@ -76,8 +76,6 @@ class CanChannel:
     Attributes:
         state: see the module's table.
         reason: why it is not open, in words.
-        log: where all frames go, in their order; None: nowhere.
-        stamped: whether frames carry the time at which they were on the bus.
     """
 
     def __init__(self, address: Address, database: Database) -> None:
@@ -101,7 +99,7 @@ class CanChannel:
             self._options.setdefault("fd", True)
         self.state = ChannelState.OPEN
         self.reason = ""
-        self.offs = 0
+        self.bus_offs = 0
         self._since = 0
         self._next_try = 0
         self._bus = self._open()
@@ -141,12 +139,12 @@ class CanChannel:
         try:
             message = self._bus.recv(timeout)
         except (self._can.CanError, OSError) as error:
-            self._leave(ChannelState.GONE, f"reading failed: {error}")
+            self._leave(ChannelState.UNPLUGGED, f"reading failed: {error}")
             return None
         if message is None:
             return None
-        stamp, there = round(message.timestamp * 1e6), now()
-        message.timestamp = stamp if 0 <= there - stamp < _TRUSTED else there
+        stamp, time_now = round(message.timestamp * 1e6), now()
+        message.timestamp = stamp if 0 <= time_now - stamp < _TRUSTED else time_now
         if self._transport.is_bus_off(message):
             self._leave(ChannelState.BUS_OFF, "the controller is off the bus")
             return None
@@ -171,7 +169,7 @@ class CanChannel:
         try:
             self._bus.send(message)
         except (self._can.CanError, OSError) as error:
-            self._leave(ChannelState.GONE, f"writing failed: {error}")
+            self._leave(ChannelState.UNPLUGGED, f"writing failed: {error}")
             return None
         return message
 
@@ -188,32 +186,34 @@ class CanChannel:
     def unplug(self, seconds: float) -> None:
         """Leave the bus as if the plug was pulled, and come back later [s]."""
         self.close()
-        self._leave(ChannelState.GONE, "unplugged")
+        self._leave(ChannelState.UNPLUGGED, "unplugged")
         self._next_try = self._since + round(seconds * 1e6)
 
     def recovered(self) -> None:
-        """Take note of a whole sample: earlier trouble is over."""
-        self.offs = 0
+        """Count restarts anew after a whole sample."""
+        self.bus_offs = 0
 
     def _leave(self, state: ChannelState, reason: str) -> None:
         self.state, self.reason = state, reason
         self._since = now()
         self._next_try = self._since + RETRY
         if state is ChannelState.BUS_OFF:
-            self.offs += 1
-            if self.offs > TRIES:
+            self.bus_offs += 1
+            if self.bus_offs > TRIES:
                 self.state = ChannelState.FAILED
                 self.reason = f"off the bus again after {TRIES} restarts without a whole sample"
 
     def _restore(self) -> None:
-        there = now()
-        if self.state is ChannelState.FAILED or there < self._next_try:
+        time_now = now()
+        if self.state is ChannelState.FAILED or time_now < self._next_try:
             return
-        self._next_try = there + RETRY
+        self._next_try = time_now + RETRY
         if self._came_back():
             self.state = ChannelState.OPEN
-        elif there - self._since > self._address.patience * 1e6:
-            self.reason += f", and it did not come back within {self._address.patience:g} s"
+        elif time_now - self._since > self._address.reconnect_timeout * 1e6:
+            self.reason += (
+                f", and it did not come back within {self._address.reconnect_timeout:g} s"
+            )
             self.state = ChannelState.FAILED
 
     def _came_back(self) -> bool:

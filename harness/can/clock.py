@@ -9,8 +9,8 @@ A straight line through the arrivals, fitted with growing memory up to that of t
 arrival that is late by more than L tells of a stall and nothing of the clock, unless that goes on;
 one that is early by more tells that the line was wrong.
 
-Lateness comes and goes, so drift is told by the earliest arrival in each thousand: a straight line
-through the last of these.
+Lateness comes and goes, so drift follows from the earliest arrival in each thousand: a straight
+line through the last of these.
 """
 
 from __future__ import annotations
@@ -58,7 +58,7 @@ class BoardClock:
 
     @property
     def drift(self) -> float | None:
-        """By how much the board's clock is slow, relative; None before it can be told."""
+        """By how much the board's clock is slow, relative; None before it is known."""
         if len(self._earliest) < 2:
             return None
         samples, lateness = zip(*self._earliest, strict=True)

@@ -155,7 +155,7 @@ class Database:
         """Messages of a node."""
         return tuple(m for m in self.messages if m.sender == node)
 
-    def heard_by(self, node: str) -> tuple[Message, ...]:
+    def received_by(self, node: str) -> tuple[Message, ...]:
         """Messages of all other nodes."""
         return tuple(m for m in self.messages if m.sender != node)
 

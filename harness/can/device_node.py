@@ -8,32 +8,36 @@ on. Without a good one for its timeout, or with a command `off`, the drive is on
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
 
-from harness.can.channel import Address, CanChannel, ChannelState, now
-from harness.can.controller_node import Outgoing
+from harness.can.bus_node import BusNode
+from harness.can.channel import Address, ChannelState, now
 from harness.can.database import OFF, OPERATIONAL, PRE_OPERATIONAL, STOPPED, Database
 from harness.can.fault_injection import FaultInjection, InjectedFault
 from harness.can.precise_sleep import sleep_until
 from harness.can.reception import ReceivedMessage, Reception
+from harness.can.transmission import SentMessage, sent_messages
 from harness.can.voltage_ramp import VoltageRamp
 from harness.common.errors import FaultError
 
 __all__ = ["DeviceNode"]
 
-_BEAT = 100_000  # us
-_DESERTED = 10_000_000  # us without the loop's heartbeat after which the board ends
+_ABANDONED = 10_000_000  # us without the loop's heartbeat after which the board ends
 
 
-class DeviceNode:
+class DeviceNode(BusNode):
     """The node of an instrument's electronics.
 
     Attributes:
-        reception: what comes in.
-        drive: voltages that are applied.
+        faults: what is to go wrong.
+        seed: of chance in it.
+        injection: of these faults; None without any.
+        ramp: voltages that are applied.
         mode: of the last command that was good; `OFF` without one.
+        is_commanded: whether there is a good command.
+        index: of the present sample.
         ended: the loop has said that it stops, or has not been heard for long.
     """
 
@@ -58,39 +62,25 @@ class DeviceNode:
             faults: what is to go wrong.
             seed: of chance in it.
         """
-        self.database = database
-        self._address = address
+        super().__init__(database, name, address, step, Reception(database, name, step * 1e6))
         self._step = step
         self._period = step / (1.0 + drift) * 1e9
-        self._mischief = (
+        self.faults, self.seed = faults, seed
+        self.injection = (
             FaultInjection(faults, seed, [m.id for m in database.messages]) if faults else None
         )
-        self.reception = Reception(database, name, step * 1e6)
-        sent = [Outgoing(m, database, step) for m in database.sent_by(name)]
-        self._samples = [o for o in sent if o.message.role == "sample"]
-        self._status = [o for o in sent if o.message.role == "status"]
-        self._feedback = [o for o in sent if o.message.role == "feedback"]
-        self._beats = [o for o in sent if o.message.role == "heartbeat"]
-        heard = self.reception.heard.values()
-        self._command = next((h for h in heard if h.message.role == "command"), None)
-        self._loop = next((h for h in heard if h.message.role == "heartbeat"), None)
+        self._messages = sent_messages(database, name, step, "status", "sample", "feedback")
+        received = {m.message.role: m for m in reversed(self.reception.messages.values())}
+        self._command, self._controller = received.get("command"), received.get("heartbeat")
         stacks = () if self._command is None else self._command.message.ports
-        self.drive = VoltageRamp([stack.range for stack in stacks], database.ramp_rate * step)
+        self.ramp = VoltageRamp([stack.range for stack in stacks], database.ramp_rate * step)
         self.mode = OFF
+        self.is_commanded = False
         self.index = 0
         self.ended = False
-        self._begun = 0
-        self._medium: CanChannel | None = None
+        self._start = 0
 
-    def open(self) -> None:
-        """Go on the bus.
-
-        Raises:
-            FaultError: it does not open.
-        """
-        self._medium = CanChannel(self._address, self.database)
-
-    def meet(self, stopped: Callable[[], bool]) -> bool:
+    def wait_for_controller(self, stopped: Callable[[], bool]) -> bool:
         """Wait for the loop to be operational.
 
         Args:
@@ -99,60 +89,54 @@ class DeviceNode:
         Returns:
             Whether it is.
         """
-        loop, beat = self._loop, 0
-        while loop is None or not loop.values or loop.values[0] != OPERATIONAL:
+        controller = self._controller
+        while controller is None or not controller.values or controller.values[0] != OPERATIONAL:
             if stopped():
                 return False
-            there = now()
-            if there >= beat:
-                self._beat(PRE_OPERATIONAL)
-                beat = there + _BEAT
-            self._take_one(0.02)
-            if loop is None:
+            self._wait_with_heartbeat(PRE_OPERATIONAL, 0.02)
+            if controller is None:
                 break
-        self._begun = time.monotonic_ns()
+        self._start = time.monotonic_ns()
         return True
 
     def wait(self, index: int) -> None:
-        """Wait for the instant of a sample, then hear what came since the last one.
+        """Wait for the instant of a sample, then receive what came since the last one.
 
         Raises:
             FaultError: the bus has failed.
         """
-        sleep_until(self._begun + int(index * self._period))
-        while self._take_one(0.0):
-            pass
-        assert self._medium is not None
-        if self._medium.state is ChannelState.FAILED:
-            raise FaultError(f"the CAN bus ({self._address}) failed: {self._medium.reason}")
-        self.index = index
-        self._apply(now())
+        sleep_until(self._start + int(index * self._period))
+        self._receive_all()
+        if self.channel.state is ChannelState.FAILED:
+            raise FaultError(f"the CAN bus ({self.address}) failed: {self.channel.reason}")
+        self.begin_cycle(index, now())
 
-    def _apply(self, there: int) -> None:
-        reception, command, loop = self.reception, self._command, self._loop
-        reception.tick(there)
+    def begin_cycle(self, index: int, time: int) -> None:
+        """Begin a sample at a time [us]: apply the last command.
+
+        A function of what was received and of the time alone.
+        """
+        self.index = index
+        reception, command, controller = self.reception, self._command, self._controller
+        reception.tick(time)
         reception.events.clear()
-        if loop is not None and loop.last is not None:
-            deserted = there - loop.last > _DESERTED
-            self.ended = deserted or loop.values[0] == STOPPED
+        if controller is not None and controller.last is not None:
+            is_abandoned = time - controller.last > _ABANDONED
+            self.ended = is_abandoned or controller.values[0] == STOPPED
         if command is None:
             return
-        wanted, self.mode = self._asked(command)
-        self.drive.step(wanted)
+        wanted, self.mode = self._commanded(command)
+        self.is_commanded = wanted is not None
+        self.ramp.step(wanted)
 
-    @property
-    def is_commanded(self) -> bool:
-        """True if there is a good command."""
-        return self._command is not None and self._asked(self._command)[0] is not None
-
-    def _asked(self, command: ReceivedMessage) -> tuple[list[float] | None, int]:
-        """Voltages that the last good command asks for, None: rest; and its mode."""
+    def _commanded(self, command: ReceivedMessage) -> tuple[list[float] | None, int]:
+        """Return the voltages of the last good command, None: rest; and its mode."""
         if command.last is None or command.silent or not command.in_sequence:
             return None, OFF
         signals = command.message.signals
         given = dict(zip((s.name for s in signals), command.values, strict=True))
         mode = int(given.get("mode", OFF))
-        bad = any(command.runs)
+        bad = any(command.bad_runs)
         volts = [given[s.name] for s in command.message.ports]
         return (None if mode == OFF or bad else volts), mode
 
@@ -163,53 +147,36 @@ class DeviceNode:
             values: of the signals, by name; what is missing is sent as not available.
         """
         index = self.index
-        assert self._medium is not None
-        if self._mischief is not None:
-            self._mischief.begin(self._medium, index, index * self._step)
-            values = self._mischief.values(values)
-        told = {
+        if self.injection is not None:
+            self.injection.begin(self.channel, index, index * self._step)
+            values = self.injection.values(values)
+        content = {
             "field_new": 1.0,
             **values,
             "sample": float(index),
             "board_time": (index * self._step) % 4294.967296,
             "applied_mode": float(self.mode),
-            **{f"applied_{i}": v for i, v in enumerate(self.drive.volts, start=1)},
+            **{f"applied_{i}": v for i, v in enumerate(self.ramp.volts, start=1)},
         }
-        if any(index % max(1, beat.every) == 0 for beat in self._beats):
-            self._beat(OPERATIONAL)
-        for outgoing in (*self._status, *self._samples, *self._feedback):
-            if outgoing.every and index % outgoing.every:
+        if any(index % max(1, heartbeat.every) == 0 for heartbeat in self._heartbeats):
+            self._send_heartbeat(OPERATIONAL)
+        for sent in self._messages:
+            if sent.every and index % sent.every:
                 continue
-            content = [told.get(s.name, float("nan")) for s in outgoing.message.signals]
-            is_sample = outgoing.message.role == "sample"
-            frame = outgoing.numbered(content, index) if is_sample else outgoing.frame(content)
-            self._send(outgoing, frame)
+            data = [content.get(s.name, math.nan) for s in sent.message.signals]
+            is_sample = sent.message.role == "sample"
+            self._send(sent, sent.numbered(data, index) if is_sample else sent.frame(data))
 
-    def _beat(self, state: int) -> None:
-        for beat in self._beats:
-            self._send(beat, beat.frame([float(state)]))
-
-    def _send(self, outgoing: Outgoing, data: bytes) -> None:
-        assert self._medium is not None
-        m = outgoing.message
-        if self._mischief is None or not self._begun:
-            self._medium.send(m.id, data, m.is_fd, m.extended)
+    def _send(self, sent: SentMessage, data: bytes) -> None:
+        m = sent.message
+        if self.injection is None or not self._start:
+            self.channel.send(m.id, data, m.is_fd, m.extended)
         else:
-            self._mischief(self._medium, m.id, data, m.is_fd, m.extended)
-
-    def _take_one(self, timeout: float) -> bool:
-        assert self._medium is not None
-        message: Any = self._medium.receive(timeout)
-        if message is None:
-            return False
-        id = message.arbitration_id | message.is_extended_id << 31
-        odd = message.is_remote_frame or message.is_error_frame
-        self.reception.take(message.timestamp, id, bytes(message.data), odd, message.is_fd)
-        return True
+            self.injection(self.channel, m.id, data, m.is_fd, m.extended)
 
     def close(self) -> None:
         """Leave the bus."""
-        if self._medium is not None:
-            self._beat(STOPPED)
-            self._medium.close()
-            self._medium = None
+        if self._channel is not None:
+            self._send_heartbeat(STOPPED)
+            self._channel.close()
+            self._channel = None

@@ -132,18 +132,18 @@ class FaultInjection:
         self._known = frozenset(ids)
         self._time = 0.0
         self._active: tuple[InjectedFault, ...] = ()
-        self._begun: set[InjectedFault] = set()
-        self._later: list[tuple[int, Frame]] = []
+        self._started: set[InjectedFault] = set()
+        self._delayed: list[tuple[int, Frame]] = []
         self._sample = 0
-        self._aside: Frame | None = None
+        self._reordered: Frame | None = None
         self._frozen: dict[str, float] = {}
         self._stuck: dict[int, bytes | None] = {}
 
-    def begin(self, medium: Any, sample: int, time: float) -> None:
+    def begin(self, channel: Any, sample: int, time: float) -> None:
         """Begin a sample that is due.
 
         Args:
-            medium: of the board.
+            channel: of the board.
             sample: its number.
             time: of the board [s].
         """
@@ -155,16 +155,16 @@ class FaultInjection:
         if "stick" not in kinds:
             self._stuck.clear()
         for fault in self._active:
-            if fault not in self._begun:
-                self._begun.add(fault)
+            if fault not in self._started:
+                self._started.add(fault)
                 if fault.kind == "bus-off":
-                    medium.declare_bus_off()
+                    channel.declare_bus_off()
                 elif fault.kind == "unplug":
-                    medium.unplug(fault.end - time)
-        due = [content for at, content in self._later if at <= sample]
-        self._later = [(at, content) for at, content in self._later if at > sample]
+                    channel.unplug(fault.end - time)
+        due = [content for at, content in self._delayed if at <= sample]
+        self._delayed = [(at, content) for at, content in self._delayed if at > sample]
         for content in due:
-            medium.send(*content)
+            channel.send(*content)
 
     def values(self, values: Mapping[str, float]) -> Mapping[str, float]:
         """Return the values of a sample, or what the faults make of them."""
@@ -177,9 +177,9 @@ class FaultInjection:
                 values = {**values, name: math.nan}
         return values
 
-    def __call__(self, medium: Any, id: int, data: bytes, is_fd: bool, extended: bool) -> None:
-        """Send a frame, or do something worse with it."""
-        aside, self._aside = self._aside, None
+    def __call__(self, channel: Any, id: int, data: bytes, is_fd: bool, extended: bool) -> None:
+        """Send a frame, or what the active faults make of it."""
+        reordered, self._reordered = self._reordered, None
         frames: list[Frame] = [(id, data, is_fd, extended)]
         for fault in self._active:
             if fault.kind in _SILENT:
@@ -187,25 +187,25 @@ class FaultInjection:
             if fault.kind == "stick":
                 frames = self._sticky(fault.rate, frames)
             elif self._random.random() < fault.rate:
-                frames = [changed for frame in frames for changed in self._worse(fault.kind, frame)]
+                frames = [changed for frame in frames for changed in self._apply(fault.kind, frame)]
         for frame in frames:
-            medium.send(*frame)
-        if aside is not None:
-            medium.send(*aside)
+            channel.send(*frame)
+        if reordered is not None:
+            channel.send(*reordered)
 
-    def _worse(self, kind: str, frame: Frame) -> list[Frame]:
+    def _apply(self, kind: str, frame: Frame) -> list[Frame]:
         """Return what the faults make of a frame."""
         id, data, is_fd, extended = frame
         chance = self._random
         if kind == "drop":
             return []
         if kind == "delay":
-            self._later.append((self._sample + chance.randint(1, _LONGEST_DELAY), frame))
+            self._delayed.append((self._sample + chance.randint(1, _LONGEST_DELAY), frame))
             return []
         if kind == "duplicate":
             return [frame, frame]
-        if kind == "reorder" and self._aside is None:
-            self._aside = frame
+        if kind == "reorder" and self._reordered is None:
+            self._reordered = frame
             return []
         if kind == "corrupt":
             at = chance.randrange(8 * len(data))
@@ -218,7 +218,7 @@ class FaultInjection:
             return [(id, (data + bytes(1))[: min(length, most) or 1], is_fd, extended)]
         if kind in {"unknown", "babble"}:
             count = BABBLE if kind == "babble" else 1
-            return [frame, *(self._foreign() for _ in range(count))]
+            return [frame, *(self._unknown_frame() for _ in range(count))]
         return [frame]
 
     def _sticky(self, rate: float, frames: list[Frame]) -> list[Frame]:
@@ -228,7 +228,7 @@ class FaultInjection:
                 self._stuck[id] = data if self._random.random() < rate else None
         return [(id, self._stuck[id] or data, fd, extended) for id, data, fd, extended in frames]
 
-    def _foreign(self) -> Frame:
+    def _unknown_frame(self) -> Frame:
         while True:
             id = self._random.randrange(1, 0x7FF)
             if id not in self._known:

@@ -1,7 +1,7 @@
 """The log of raw frames, as other tools read it: candump's text or Vector's BLF.
 
 Frames of the bus are on lane `can0`, those that were sent marked so. On `can1`, which is no bus, a
-frame with id 0 stands where a tick began: its time, and `TURN` of the node as its data. With these
+frame with id 0 stands where a tick began: its time, and `CycleInput.packed` as its data. With these
 the log holds all that a run depends on.
 """
 
@@ -9,7 +9,8 @@ from __future__ import annotations
 
 import io
 import struct
-from collections.abc import Callable, Generator
+from collections.abc import Generator
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -27,7 +28,7 @@ SUFFIXES = {"candump": ".log", "blf": ".blf"}
 
 
 class FrameLog:
-    """Takes frames and ticks, writes them when told to; see `controller_node.Journal`."""
+    """Buffers frames and ticks; `flush` writes them."""
 
     def __init__(self, path: Path) -> None:
         """Open the file.
@@ -42,28 +43,29 @@ class FrameLog:
 
         self.path = path
         self._message = can.Message
-        self._held: list[Any] = []
-        self._ends: list[Callable[[], None]] = []
+        self._buffer: list[Any] = []
+        self._open = ExitStack()
         binary = path.suffix == SUFFIXES["blf"]
         try:
             file: Any = BackgroundFile(path)
             if not binary:
                 file = io.TextIOWrapper(file, "ascii")
-            self._ends.append(file.close)
+            self._open.callback(file.close)
             writer: Any = can.BLFWriter if binary else can.CanutilsLogWriter
             self._writer = writer(file)
-            self._ends.insert(0, self._writer.stop)
+            self._open.callback(self._writer.stop)
         except OSError as error:
-            self._end()
+            with suppress(OSError):
+                self._open.close()
             raise FaultError(f"the log of frames {path}: {reason(error)}") from None
 
     def frame(self, message: Any) -> None:
         """Take a frame; its time is in [us]."""
-        self._held.append(message)
+        self._buffer.append(message)
 
-    def turn(self, time: int, content: bytes) -> None:
+    def tick(self, time: int, content: bytes) -> None:
         """Take the beginning of a tick [us]."""
-        self._held.append(
+        self._buffer.append(
             self._message(
                 timestamp=time,
                 arbitration_id=0,
@@ -79,9 +81,9 @@ class FrameLog:
         Raises:
             FaultError: the disk does not take it.
         """
-        held, self._held = self._held, []
+        buffered, self._buffer = self._buffer, []
         try:
-            for message in held:
+            for message in buffered:
                 message.timestamp *= 1e-6
                 if message.channel != TICKS:
                     message.channel = BUS
@@ -96,21 +98,10 @@ class FrameLog:
             FaultError: the disk does not take it.
         """
         try:
-            self.flush()
-        finally:
-            trouble = self._end()
-        if trouble is not None:
-            raise FaultError(f"the log of frames {self.path}: {reason(trouble)}")
-
-    def _end(self) -> OSError | None:
-        """Close writer and file; the first thing that went wrong."""
-        found: OSError | None = None
-        for end in self._ends:
-            try:
-                end()
-            except OSError as error:
-                found = found or error
-        return found
+            with self._open:
+                self.flush()
+        except OSError as error:
+            raise FaultError(f"the log of frames {self.path}: {reason(error)}") from None
 
 
 @dataclass(frozen=True, slots=True)

@@ -1,4 +1,4 @@
-"""What comes in: frames checked, samples put together, ages and faults kept. No I/O, no clock.
+"""State of reception: frames checked, samples put together, ages and faults kept. No I/O, no clock.
 
 All times are integer microseconds of one clock, and all that happens follows from the calls with
 their times, so that a log of them gives the same again.
@@ -26,7 +26,8 @@ dropped until the board's own sample counter comes by.
 from __future__ import annotations
 
 from collections import deque
-from dataclasses import dataclass, field
+from dataclasses import dataclass
+from typing import Any
 
 from harness.can.clock import BoardClock
 from harness.can.codec import Codec
@@ -85,13 +86,13 @@ class Sample:
         number: samples since the board began.
         time: of its last frame [us].
         values: of all its messages, one after the other.
-        anew: the board has begun to count anew with it.
+        restarted: the board has begun to count anew with it.
     """
 
     number: int
     time: int
     values: tuple[float, ...]
-    anew: bool = False
+    restarted: bool = False
 
 
 class ReceivedMessage:
@@ -111,7 +112,7 @@ class ReceivedMessage:
         """Time of the last intact frame that was new [us]."""
         self.silent = False
         self.values: tuple[float, ...] = ()
-        self.runs = [0] * len(message.signals)
+        self.bad_runs = [0] * len(message.signals)
         """Bad values in a row."""
         self.counts = dict.fromkeys(PER_MESSAGE, 0)
         self.part = -1
@@ -128,13 +129,15 @@ class _Slot:
 
     begun: int
     left: int
-    parts: list[tuple[float, ...] | None] = field(default_factory=list)
+    parts: list[tuple[float, ...] | None]
 
 
 class Reception:
-    """What one node hears.
+    """State of what one node receives.
 
     Attributes:
+        messages: of all other nodes, by id, bit 31 set for an extended one.
+        other_messages: those among them that are no part of a sample.
         ready: complete samples that nobody has taken yet.
         clock: the board's.
         counts: of each fault.
@@ -152,30 +155,25 @@ class Reception:
         """
         self._database = database
         self._period = period
-        self.heard = {
-            m.id: ReceivedMessage(m, Codec(m), database.seconds(m)) for m in database.heard_by(node)
+        self.messages = {
+            m.id: ReceivedMessage(m, Codec(m), database.seconds(m))
+            for m in database.received_by(node)
         }
-        self._parts = [h for h in self.heard.values() if h.message.role == "sample"]
+        self._parts = [h for h in self.messages.values() if h.message.role == "sample"]
+        self.other_messages = [m for m in self.messages.values() if m.message.role != "sample"]
         for index, part in enumerate(self._parts):
             part.part = index
         self._slots: dict[int, _Slot] = {}
         self._stale = (self._parts[0].modulus // 2 if self._parts else 7) * period
-        self._numbered = next(
-            (
-                sum(len(h.message.signals) for h in self._parts[: part.part]) + index
-                for part in self._parts
-                for index, s in enumerate(part.message.signals)
-                if s.name == "sample"
-            ),
-            None,
-        )
+        self._numbered = self.signals.index("sample") if "sample" in self.signals else None
+        """Place of the sample's own number among its values."""
         self._gap = True
         """Whether the counter alone does not tell the next sample's number."""
         self._number: int | None = None
-        """Of the last complete sample, or the one before what the board first said."""
-        self._said: tuple[int, int] | None = None
-        """What the board last said of its counter, and when."""
-        self._anew = False
+        """Of the last complete sample, or the one before what the board first stated."""
+        self._stated: tuple[int, int] | None = None
+        """What the board last stated of its counter, and when."""
+        self._restarted = False
         self.ready: deque[Sample] = deque()
         self.clock = BoardClock(period)
         self.counts = dict.fromkeys(FAULTS, 0)
@@ -216,64 +214,72 @@ class Reception:
             is_fd: of CAN FD.
 
         Returns:
-            The message that it is good news of; None if it was dropped.
+            The message that the frame has brought; None if the frame was dropped.
         """
-        heard = self.heard.get(id)
-        if heard is None:
+        received = self.messages.get(id)
+        if received is None:
             self.counts["unknown"] += 1
             self._foreign += 1
             self._busy += self._time_of(len(data), is_fd)
             return None
-        self._busy += heard.seconds
-        counts = heard.counts
-        if odd or len(data) != heard.length or is_fd != heard.message.is_fd:
-            counts["length"] += 1
-            self.counts["length"] += 1
+        self._busy += received.seconds
+        if odd or len(data) != received.length or is_fd != received.message.is_fd:
+            self._count(received, "length")
             return None
-        if not heard.is_intact(data):
-            counts["crc"] += 1
-            self.counts["crc"] += 1
+        if not received.is_intact(data):
+            self._count(received, "crc")
             return None
-        counter = heard.counter
+        counter = received.counter
         if counter is not None:
-            status = counter.take(heard.counter_of(data))
+            status = counter.take(received.counter_of(data))
             if status is not CheckStatus.REPEATED:
-                heard.last = time
-                heard.silent = False
-            if status is not CheckStatus.OK and not self._usable(heard, status, time):
+                received.last = time
+                received.silent = False
+            if status is not CheckStatus.OK and not self._usable(received, status, time):
                 return None
-        values, bad = heard.decode(data)
-        counts["received"] += 1
+        values, bad = received.decode(data)
+        received.counts["received"] += 1
         if bad:
-            values = self._held(heard, values, bad, time)
-        elif any(heard.runs):
-            heard.runs = [0] * len(heard.runs)
-        heard.last = time
-        heard.silent = False
-        heard.values = values
-        if heard.part >= 0:
-            self._put(heard, heard.counter_of(data), time)
-        elif heard.message.role == "status":
-            self._told(heard, time)
-        return heard
+            values = self._held(received, values, bad, time)
+        elif any(received.bad_runs):
+            received.bad_runs = [0] * len(received.bad_runs)
+        received.last = time
+        received.silent = False
+        received.values = values
+        if received.part >= 0:
+            self._put(received, received.counter_of(data), time)
+        elif received.message.role == "status":
+            self._take_status(received, time)
+        return received
+
+    def receive(self, frame: Any) -> None:
+        """Take a message of python-can, its time in [us]."""
+        id = frame.arbitration_id | frame.is_extended_id << 31
+        odd = frame.is_remote_frame or frame.is_error_frame
+        self.take(frame.timestamp, id, bytes(frame.data), odd, frame.is_fd)
+
+    def _count(self, received: ReceivedMessage, fault: str, count: int = 1) -> None:
+        """Count a fault of a message."""
+        received.counts[fault] += count
+        self.counts[fault] += count
 
     def tick(self, time: int) -> None:
-        """Look who has been silent for too long, and how busy the bus was."""
-        for heard in self.heard.values():
-            if heard.silent or heard.last is None or time - heard.last <= heard.timeout:
+        """Find messages that have been silent for too long, and measure the load of the bus."""
+        for received in self.messages.values():
+            if received.silent or received.last is None or time - received.last <= received.timeout:
                 continue
-            heard.silent = True
-            heard.counts["timeouts"] += 1
-            name = heard.message.name
-            kind = "heartbeat" if heard.message.role == "heartbeat" else "timeouts"
+            received.silent = True
+            received.counts["timeouts"] += 1
+            name = received.message.name
+            kind = "heartbeat" if received.message.role == "heartbeat" else "timeouts"
             self.counts[kind] += 1
-            text = f"no {name} for {(time - heard.last) / 1e3:.1f} ms"
+            text = f"no {name} for {(time - received.last) / 1e3:.1f} ms"
             self.events.append(
-                ReceptionEvent(time, kind, f"{text}, more than {heard.timeout / 1e3:g} ms")
+                ReceptionEvent(time, kind, f"{text}, more than {received.timeout / 1e3:g} ms")
             )
-            if heard.counter is not None:
-                heard.counter.silence()
-                self._gap = self._gap or heard.part >= 0
+            if received.counter is not None:
+                received.counter.silence()
+                self._gap = self._gap or received.part >= 0
         if self._window is None:
             self._window = time
         elif time - self._window >= _WINDOW:
@@ -282,78 +288,76 @@ class Reception:
     @property
     def fault(self) -> str:
         """Reason why values are not to be used, one of `FAULTS`; empty if they are."""
-        for heard in self.heard.values():
-            if heard.message.role == "heartbeat":
-                if heard.silent or (heard.values and heard.values[0] != OPERATIONAL):
+        for received in self.messages.values():
+            if received.message.role == "heartbeat":
+                if received.silent or (received.values and received.values[0] != OPERATIONAL):
                     return "heartbeat"
-            elif heard.part >= 0 or heard.message.role == "command":
-                if heard.silent:
+            elif received.part >= 0 or received.message.role == "command":
+                if received.silent:
                     return "timeouts"
-                if not heard.in_sequence:
+                if not received.in_sequence:
                     return "sequence"
-                if heard.runs and max(heard.runs) >= _IN_A_ROW:
+                if received.bad_runs and max(received.bad_runs) >= _IN_A_ROW:
                     return "range"
         return ""
 
     def restart(self) -> None:
-        """After the medium was gone: what was under way is void, counters begin anew."""
+        """Drop incomplete samples and restart the counters: the channel was lost."""
         self._slots.clear()
         self.ready.clear()
         self._gap = True
-        for heard in self.heard.values():
-            if heard.counter is not None:
-                heard.counter.silence()
+        for received in self.messages.values():
+            if received.counter is not None:
+                received.counter.silence()
 
-    def _usable(self, heard: ReceivedMessage, status: CheckStatus, time: int) -> bool:
-        """Count what the counter says; whether the frame is to be used all the same."""
+    def _usable(self, received: ReceivedMessage, status: CheckStatus, time: int) -> bool:
+        """Count what the counter says, and return whether the frame is to be used all the same."""
         name = {
             CheckStatus.OK_SOME_LOST: "lost",
             CheckStatus.REPEATED: "repeated",
             CheckStatus.WRONG_SEQUENCE: "sequence",
         }.get(status)
         if name is not None:
-            count = heard.counter.lost if status is CheckStatus.OK_SOME_LOST else 1  # type: ignore
-            heard.counts[name] += count
-            self.counts[name] += count
+            count = received.counter.lost if status is CheckStatus.OK_SOME_LOST else 1  # type: ignore
+            self._count(received, name, count)
         if status is CheckStatus.WRONG_SEQUENCE:
-            self._gap = self._gap or heard.part >= 0
-            text = f"the counter of {heard.message.name} jumped"
+            self._gap = self._gap or received.part >= 0
+            text = f"the counter of {received.message.name} jumped"
             self.events.append(ReceptionEvent(time, "sequence", text))
-        # What the board says of its count is right whatever was before.
+        # What the board states of its count is right whatever was before.
         return status in USABLE or (
-            heard.message.role == "status" and status is not CheckStatus.REPEATED
+            received.message.role == "status" and status is not CheckStatus.REPEATED
         )
 
     def _held(
-        self, heard: ReceivedMessage, values: tuple[float, ...], bad: int, time: int
+        self, received: ReceivedMessage, values: tuple[float, ...], bad: int, time: int
     ) -> tuple[float, ...]:
         """Values with those that are bad replaced by the ones before."""
         kept = list(values)
-        for index, signal in enumerate(heard.message.signals):
+        for index, signal in enumerate(received.message.signals):
             if not bad >> index & 1:
-                heard.runs[index] = 0
+                received.bad_runs[index] = 0
                 continue
-            heard.runs[index] += 1
-            heard.counts["range"] += 1
-            self.counts["range"] += 1
+            received.bad_runs[index] += 1
+            self._count(received, "range")
             # Before there ever was a good one, the middle of the range stands in, and is invalid.
             middle = (signal.low + signal.high) / 2 * signal.scale + signal.offset
-            kept[index] = heard.values[index] if heard.values else middle
-            if not heard.values:
-                heard.runs[index] = _IN_A_ROW
-            if heard.runs[index] == _IN_A_ROW:
-                text = f"{heard.message.name}.{signal.name} not available or out of range"
+            kept[index] = received.values[index] if received.values else middle
+            if not received.values:
+                received.bad_runs[index] = _IN_A_ROW
+            if received.bad_runs[index] == _IN_A_ROW:
+                text = f"{received.message.name}.{signal.name} not available or out of range"
                 self.events.append(
                     ReceptionEvent(time, "range", f"{text}, {_IN_A_ROW} times in a row")
                 )
         return tuple(kept)
 
-    def _put(self, heard: ReceivedMessage, counter: int, time: int) -> None:
+    def _put(self, received: ReceivedMessage, counter: int, time: int) -> None:
         """Put a part of a sample into its place."""
         slots = self._slots
         slot = slots.get(counter)
         if slot is not None and (
-            slot.parts[heard.part] is not None or time - slot.begun > self._stale
+            slot.parts[received.part] is not None or time - slot.begun > self._stale
         ):
             del slots[counter]
             self.counts["incomplete"] += 1
@@ -361,7 +365,7 @@ class Reception:
         if slot is None:
             slot = _Slot(time, len(self._parts), [None] * len(self._parts))
             slots[counter] = slot
-        slot.parts[heard.part] = heard.values
+        slot.parts[received.part] = received.values
         slot.left -= 1
         if slot.left:
             return
@@ -376,20 +380,20 @@ class Reception:
         number = self._number_of(counter, time, values)
         if number is None:
             return
-        if self._number is not None and number <= self._number and not self._anew:
+        if self._number is not None and number <= self._number and not self._restarted:
             self.counts["late"] += 1
             return
         self.clock.take(number, time)
         self._number, self._gap = number, False
-        self.ready.append(Sample(number, time, values, self._anew))
-        self._anew = False
+        self.ready.append(Sample(number, time, values, self._restarted))
+        self._restarted = False
 
     def _number_of(self, counter: int, time: int, values: tuple[float, ...]) -> int | None:
-        """Return the number of a complete sample; None if it cannot be told."""
+        """Return the number of a complete sample; None if it is not known."""
         if self._numbered is not None:
             number = int(values[self._numbered])
             if self._number is not None and self._number - number > _FAR:
-                self._began_anew(number, time)
+                self._restart_count(number, time)
             return number
         modulus = self._parts[0].modulus
         if self._number is None:
@@ -397,39 +401,39 @@ class Reception:
         next_one = self._number + (counter - self._number - 1) % modulus + 1
         if not self._gap:
             return next_one
-        if self._said is not None and time - self._said[1] <= self._stale:
-            said = self._said[0]
-            return said + (counter - said) % modulus
+        if self._stated is not None and time - self._stated[1] <= self._stale:
+            stated = self._stated[0]
+            return stated + (counter - stated) % modulus
         near = self.clock.at(time) if self.clock.is_locked else next_one
         by_clock = near + (counter - near + modulus // 2) % modulus - modulus // 2
         return next_one if next_one == by_clock else None
 
-    def _told(self, heard: ReceivedMessage, time: int) -> None:
+    def _take_status(self, received: ReceivedMessage, time: int) -> None:
         """Set the number of the next frames to the count of samples that the board states."""
         if self._numbered is not None:
             return
-        names = [s.name for s in heard.message.signals]
+        names = [s.name for s in received.message.signals]
         if "sample" not in names:
             return
-        said = int(heard.values[names.index("sample")])
+        stated = int(received.values[names.index("sample")])
         if self._number is None:
-            self._number = said - 1
-        ahead = said - self._number
+            self._number = stated - 1
+        ahead = stated - self._number
         if ahead < -_FAR:
-            self._began_anew(said, time)
-            self._number = said - 1
+            self._restart_count(stated, time)
+            self._number = stated - 1
         # Further on than it should be: samples have been dropped whose counter nobody saw.
         self._gap = self._gap or not -_FAR <= ahead <= self._parts[0].modulus // 2
-        self._said = (said, time)
+        self._stated = (stated, time)
 
-    def _began_anew(self, number: int, time: int) -> None:
+    def _restart_count(self, number: int, time: int) -> None:
         """Begin anew because the board's count is another one than it was."""
         text = f"the board counts {number} samples, {(self._number or 0) + 1} were expected"
         self.counts["sequence"] += 1
         self.events.append(ReceptionEvent(time, "sequence", text))
         self._slots.clear()
         self.ready.clear()
-        self._anew = self._gap = True
+        self._restarted = self._gap = True
         self.clock.restart(number, time)
 
     def _time_of(self, length: int, is_fd: bool) -> float:

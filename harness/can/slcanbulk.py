@@ -43,7 +43,7 @@ from can.util import CAN_FD_DLC, len2dlc
 from harness.can.transport import (
     BUS_OFF,
     EXTENDED_IDS,
-    LOOK,
+    POLL_PERIOD,
     STANDARD_IDS,
     WAITING_FRAMES,
     Transport,
@@ -150,9 +150,13 @@ class _File:
             return 0
 
     def wait(self, seconds: float, to_write: bool) -> None:
+        self._poll(seconds, to_write)
+
+    def _poll(self, seconds: float, to_write: bool) -> int:
+        """Wait as `wait` does, and return the events of the handle."""
         ready = select.poll()
         ready.register(self.handle, select.POLLIN | (select.POLLOUT if to_write else 0))
-        ready.poll(1e3 * seconds)
+        return sum(events for _, events in ready.poll(1e3 * seconds))
 
     def close(self) -> None:
         os.close(self.handle)
@@ -261,10 +265,8 @@ class Pty(_File):
 
     def wait(self, seconds: float, to_write: bool) -> None:
         """Until there is something to read, perhaps room to write, or the time is over."""
-        ready = select.poll()
-        ready.register(self.handle, select.POLLIN | (select.POLLOUT if to_write else 0))
-        events = ready.poll(1e3 * seconds)
-        if events and events[0][1] & (select.POLLHUP | select.POLLIN) == select.POLLHUP:
+        events = self._poll(seconds, to_write)
+        if events & (select.POLLHUP | select.POLLIN) == select.POLLHUP:
             time.sleep(min(seconds, 2e-3))  # with nobody there a poll comes back at once
 
     def close(self) -> None:
@@ -347,7 +349,7 @@ class SlcanBulkBus(Transport):
         if timestamps:
             commands.append("Z1")
         commands.append("L" if listen_only else "O")
-        self._greeting = "".join(f"{command}\r" for command in commands).encode()
+        self._open_commands = "".join(f"{command}\r" for command in commands).encode()
         self._device = device
         self._stamps = timestamps and not device
         self._fd = fd
@@ -362,7 +364,7 @@ class SlcanBulkBus(Transport):
         if not fd:
             self._can_protocol = can.CanProtocol.CAN_20
         if listen_only and not device:
-            self._sound_state = can.BusState.PASSIVE
+            self._normal_state = can.BusState.PASSIVE
 
     def ask_status(self) -> None:
         """Ask the device for its status flags; the answer is in `status` after a later `recv`."""
@@ -376,18 +378,18 @@ class SlcanBulkBus(Transport):
 
     def _open(self) -> None:
         self._frames: deque[can.Message] = deque()
-        self._rest = b""
+        self._incomplete = b""
         self._out = bytearray()
         self._awaited: set[bytes] = set()
         self._last_stamp: tuple[float, float, float] | None = None
         self.opened = False
         self._stamping = False  # whether this device stamps what it sends
-        self._deaf = False  # opened by a computer that only listens
+        self._is_listen_only = False  # opened by a computer that only listens
         self._port = self._open_port()
         self._ready = time.monotonic() + self._sleep
         if not self._device:
             try:
-                self._write(self._greeting)
+                self._write(self._open_commands)
             except OSError:
                 self._port.close()
                 raise
@@ -424,7 +426,7 @@ class SlcanBulkBus(Transport):
 
     def shutdown(self) -> None:
         """Close the channel at the device, send what waits for 0.2 s at most, close the port."""
-        if not self._is_shutdown and not self._device and self._gone is None:
+        if not self._is_shutdown and not self._device and self._lost is None:
             with contextlib.suppress(can.CanError):  # gone is as good as closed
                 self._ask(b"C\r")
         super().shutdown()
@@ -434,7 +436,7 @@ class SlcanBulkBus(Transport):
     def _ask(self, command: bytes) -> None:
         try:
             with self._lock:
-                self._refuse_if_gone()
+                self._refuse_if_lost()
                 self._awaited.add(command[:1])
                 self._write(command)
         except OSError as error:
@@ -457,7 +459,7 @@ class SlcanBulkBus(Transport):
 
     def _put(self, msg: can.Message, deadline: float) -> None:
         if self._device and not self.opened:
-            self._pump()
+            self._read_port()
         line = self._line(msg)
         if not self._has_room(len(line), deadline):
             raise can.CanOperationError(
@@ -472,12 +474,12 @@ class SlcanBulkBus(Transport):
     def _has_room(self, size: int, deadline: float) -> bool:
         """Return whether so many bytes more may wait, at the latest at `deadline`."""
         while len(self._out) + size > _WAITING_BYTES:
-            self._pump()  # a device may learn here that nobody is there any more
+            self._read_port()  # a device may learn here that nobody is there any more
             self._flush()
             left = deadline - time.monotonic()
             if left <= 0:
                 return len(self._out) + size <= _WAITING_BYTES
-            self._wait(min(LOOK, left))
+            self._wait(min(POLL_PERIOD, left))
         return True
 
     def _line(self, msg: can.Message) -> bytes:
@@ -514,7 +516,7 @@ class SlcanBulkBus(Transport):
         if not self._frames:
             if self._out:
                 self._flush()
-            self._pump()
+            self._read_port()
         return self._frames.popleft() if self._frames else None
 
     def _wait(self, seconds: float) -> None:
@@ -524,33 +526,35 @@ class SlcanBulkBus(Transport):
         else:
             self._port.wait(seconds, bool(self._out))
 
-    def _pump(self) -> None:
+    def _read_port(self) -> None:
         """Read what is there."""
         chunk = self._port.read()
         if chunk:
             self._consume(chunk)
         elif self._device and isinstance(self._port, Pty) and not self._port.connected:
             self.opened = False
-            self._rest = b""
+            self._incomplete = b""
             self._out.clear()
 
     def _consume(self, chunk: bytes) -> None:
-        text = self._rest + chunk
+        text = self._incomplete + chunk
         if b"\a" in text:  # ends whatever came before, as a line end does
             text = text.replace(b"\a", b"\a\r")
         *lines, rest = text.split(b"\r")
-        self._rest = rest[: _LONGEST + 1]
+        self._incomplete = rest[: _LONGEST + 1]
         now = time.time()
         for line in lines:
             if not line:
                 continue  # "done" from a device; from a computer, nothing to do
             message = self._message(line, now)
-            if message is not None and (not self._device or (self.opened and not self._deaf)):
+            if message is not None and (
+                not self._device or (self.opened and not self._is_listen_only)
+            ):
                 self._frames.append(message)
             elif self._device:
-                self._obey(line, message is not None)
+                self._handle_command(line, message is not None)
             else:
-                self._understand(line, now)
+                self._handle_answer(line, now)
 
     def _message(self, line: bytes, now: float) -> can.Message | None:
         """Return the frame of a line without its end; None where it is none."""
@@ -602,13 +606,13 @@ class SlcanBulkBus(Transport):
         if self._last_stamp is None:
             self._last_stamp = stamp, now, now
             return now
-        last, arrived, told = self._last_stamp
+        last, arrived, time_of_day = self._last_stamp
         passed = (stamp - last) % _STAMP_PERIOD
         passed += _STAMP_PERIOD * max(0, round((now - arrived - passed) / _STAMP_PERIOD))
-        self._last_stamp = stamp, now, told + passed
-        return told + passed
+        self._last_stamp = stamp, now, time_of_day + passed
+        return time_of_day + passed
 
-    def _understand(self, line: bytes, now: float) -> None:
+    def _handle_answer(self, line: bytes, now: float) -> None:
         """Interpret a device's line that is no frame."""
         letter, text = line[:1], line[1:]
         if line.endswith(b"\a"):
@@ -628,7 +632,7 @@ class SlcanBulkBus(Transport):
         else:
             self.malformed += 1
 
-    def _obey(self, line: bytes, is_frame: bool) -> None:
+    def _handle_command(self, line: bytes, is_frame: bool) -> None:
         """Answer a computer's line that is no frame, or a frame that this device may not send."""
         letter, text = line[:1], line[1:]
         answer = b""
@@ -638,7 +642,7 @@ class SlcanBulkBus(Transport):
         elif letter in (b"O", b"L") and not text:
             known = not self.opened
             if known:
-                self.opened, self._deaf = True, letter == b"L"
+                self.opened, self._is_listen_only = True, letter == b"L"
         elif _SETTING.fullmatch(line):
             known = not self.opened
             if known and letter == b"Z":

@@ -26,13 +26,13 @@ FD_LENGTHS = frozenset(CAN_FD_DLC)
 STANDARD_IDS = 1 << 11
 EXTENDED_IDS = 1 << 29
 
-LOOK = 0.05
+POLL_PERIOD = 0.05
 """Longest stretch [s] of a wait after which medium and waiting frames are looked at again."""
 
-AT_ONCE = 100
+FRAMES_AT_ONCE = 100
 """Frames that no filter passes, or pieces of rubbish, after which `recv` looks at the clock."""
 
-LINGER = 0.2
+FLUSH_TIMEOUT = 0.2
 """How long [s] `shutdown` waits for frames that have not left yet."""
 
 WAITING_FRAMES = 4096
@@ -106,8 +106,8 @@ class Transport(can.BusABC):
         self.channel_info = f"{type(self).__name__} {channel}"
         self._can_protocol = can.CanProtocol.CAN_FD
         self._lock = threading.RLock()
-        self._gone: str | None = None
-        self._sound_state = can.BusState.ACTIVE
+        self._lost: str | None = None
+        self._normal_state = can.BusState.ACTIVE
         try:
             self._open()
         except OSError as error:
@@ -149,7 +149,7 @@ class Transport(can.BusABC):
     @property
     def state(self) -> can.BusState:
         """ACTIVE, or PASSIVE where the bus only listens; ERROR while the medium is gone."""
-        return self._sound_state if self._gone is None else can.BusState.ERROR
+        return self._normal_state if self._lost is None else can.BusState.ERROR
 
     @state.setter
     def state(self, new_state: can.BusState) -> None:
@@ -161,15 +161,15 @@ class Transport(can.BusABC):
         while True:
             try:
                 with self._lock:
-                    self._refuse_if_gone()
+                    self._refuse_if_lost()
                     message = self._take()
                 if message is not None:
                     if message.is_error_frame or self._matches_filters(message):
                         return message, True
                     passed_over += 1  # `recv(0)` must not end at a frame that is filtered out
-                    if deadline is None or passed_over % AT_ONCE or monotonic() < deadline:
+                    if deadline is None or passed_over % FRAMES_AT_ONCE or monotonic() < deadline:
                         continue
-                left = LOOK if deadline is None else min(LOOK, deadline - monotonic())
+                left = POLL_PERIOD if deadline is None else min(POLL_PERIOD, deadline - monotonic())
                 if left <= 0:
                     return None, True
                 self._wait(left)
@@ -191,14 +191,14 @@ class Transport(can.BusABC):
         refuse_impossible(msg)
         try:
             with self._lock:
-                self._refuse_if_gone()
+                self._refuse_if_lost()
                 self._put(msg, monotonic() + timeout if timeout else 0.0)
         except OSError as error:
             raise self._lose("is gone", error) from error
 
     def unplug(self) -> None:
         """Leave the medium as if the cable were pulled; `reconnect` puts it back."""
-        if self._gone is None:
+        if self._lost is None:
             self._lose("was unplugged by this node", None)
 
     def reconnect(self) -> bool:
@@ -210,12 +210,12 @@ class Transport(can.BusABC):
         if self._is_shutdown:
             return False
         with self._lock:
-            if self._gone is not None:
+            if self._lost is not None:
                 try:
                     self._open()
                 except OSError:
                     return False
-                self._gone = None
+                self._lost = None
         return True
 
     def shutdown(self) -> None:
@@ -223,14 +223,14 @@ class Transport(can.BusABC):
         if self._is_shutdown:
             return
         super().shutdown()
-        if self._gone is None:
-            deadline = monotonic() + LINGER
+        if self._lost is None:
+            deadline = monotonic() + FLUSH_TIMEOUT
             with contextlib.suppress(OSError, can.CanError):
                 while self._flush_locked() and monotonic() < deadline:
                     sleep(1e-3)
             with self._lock:
                 self._close()
-        self._gone = self._text("is shut down; make a new bus")
+        self._lost = self._text("is shut down; make a new bus")
 
     def _flush_locked(self) -> bool:
         with self._lock:
@@ -238,9 +238,9 @@ class Transport(can.BusABC):
 
     # What happened, in words.
 
-    def _refuse_if_gone(self) -> None:
-        if self._gone is not None:
-            raise can.CanOperationError(self._gone)
+    def _refuse_if_lost(self) -> None:
+        if self._lost is not None:
+            raise can.CanOperationError(self._lost)
 
     def _text(self, what: str, error: OSError | None = None) -> str:
         reason = f": {error.strerror or error}" if error is not None else ""
@@ -249,7 +249,7 @@ class Transport(can.BusABC):
     def _lose(self, what: str, error: OSError | None) -> can.CanOperationError:
         """Let the medium go and remember why."""
         with self._lock:
-            if self._gone is None:
-                self._gone = self._text(what, error)
+            if self._lost is None:
+                self._lost = self._text(what, error)
                 self._close()
-        return can.CanOperationError(self._gone)
+        return can.CanOperationError(self._lost)

@@ -31,10 +31,10 @@ from typing import Any
 import can
 
 from harness.can.transport import (
-    AT_ONCE,
     EXTENDED_IDS,
     FD_LENGTHS,
-    LOOK,
+    FRAMES_AT_ONCE,
+    POLL_PERIOD,
     STANDARD_IDS,
     WAITING_FRAMES,
     Transport,
@@ -127,9 +127,9 @@ class UnixBus(Transport):
 
     def _open(self) -> None:
         self._peers: dict[str, _Peer] = {}
-        self._crowded = False  # whether a frame waits anywhere
+        self._has_waiting = False  # whether a frame waits anywhere
         self._known = b""
-        self._next_look = 0.0
+        self._next_check = 0.0
         name = f"{os.getpid()}-{secrets.token_hex(3)}{_SUFFIX}"
         self._path = str(Path(self.channel) / name)
         size = len(os.fsencode(self._path))
@@ -169,20 +169,20 @@ class UnixBus(Transport):
         for peer in self._peers.values():
             peer.socket.close()
         self._peers = {}
-        self._crowded = False
+        self._has_waiting = False
         with contextlib.suppress(OSError):
             Path(self._path).unlink()
         self._joined[:] = secrets.token_bytes(_MARK)
         self._joined.close()
 
-    def _look(self) -> None:
+    def _check_folder(self) -> None:
         """Now and then: whether the folder is still there, and this node's socket in it."""
         now = time.monotonic()
-        if now >= self._next_look:
-            self._next_look = now + LOOK
+        if now >= self._next_check:
+            self._next_check = now + POLL_PERIOD
             Path(self._path).stat()
 
-    def _meet(self) -> None:
+    def _find_peers(self) -> None:
         """Find nodes that are new, forget those that left."""
         self._known = self._joined[:]
         present = set()
@@ -191,16 +191,16 @@ class UnixBus(Transport):
                 if entry.name.endswith(_SUFFIX) and (self._own or entry.path != self._path):
                     present.add(entry.path)
         for path in self._peers.keys() - present:
-            self._forget(path)
+            self._remove_peer(path)
         for path in present - self._peers.keys():
             try:
                 self._peers[path] = _Peer(path)
             except OSError as error:
                 if error.errno not in _DEAD:
                     raise
-                self._forget(path)
+                self._remove_peer(path)
 
-    def _forget(self, path: str) -> None:
+    def _remove_peer(self, path: str) -> None:
         """Remove the socket of a node that is dead or has left, and ours to it."""
         peer = self._peers.pop(path, None)
         if peer is not None:
@@ -211,18 +211,18 @@ class UnixBus(Transport):
     # Frames.
 
     def _put(self, msg: can.Message, deadline: float) -> None:
-        self._look()
+        self._check_folder()
         if self._joined[:] != self._known:
-            self._meet()
+            self._find_peers()
         frame = _encode(msg)
         full = []
         dead = []
         for peer in self._peers.values():
-            mine = frame if peer.path != self._path else _marked(frame)
+            mine = frame if peer.path != self._path else _own_copy(frame)
             try:
                 if (not peer.waiting or peer.flush()) and peer.offer(mine):
                     continue
-                self._crowded = True
+                self._has_waiting = True
                 if len(peer.waiting) < WAITING_FRAMES or self._make_room(peer, deadline):
                     peer.waiting.append(mine)
                 else:
@@ -232,7 +232,7 @@ class UnixBus(Transport):
                     raise
                 dead.append(peer.path)
         for path in dead:
-            self._forget(path)
+            self._remove_peer(path)
         if full:
             names = ", ".join(Path(path).name for path in full)
             raise can.CanOperationError(
@@ -259,15 +259,15 @@ class UnixBus(Transport):
             except OSError as error:
                 if error.errno not in _DEAD:
                     raise
-                self._forget(path)
-        self._crowded = any(peer.waiting for peer in self._peers.values())
-        return self._crowded
+                self._remove_peer(path)
+        self._has_waiting = any(peer.waiting for peer in self._peers.values())
+        return self._has_waiting
 
     def _take(self) -> can.Message | None:
-        self._look()
-        if self._crowded:
+        self._check_folder()
+        if self._has_waiting:
             self._flush()
-        for _ in range(AT_ONCE):
+        for _ in range(FRAMES_AT_ONCE):
             try:
                 datagram = self._socket.recv(_FD.size + 1)
             except BlockingIOError:
@@ -280,7 +280,7 @@ class UnixBus(Transport):
 
     def _wait(self, seconds: float) -> None:
         ready = self._readable
-        if self._crowded:
+        if self._has_waiting:
             ready = select.poll()
             ready.register(self._socket, select.POLLIN)
             with self._lock:
@@ -326,7 +326,7 @@ def _encode(msg: can.Message) -> bytes:
     return _FD.pack(time.time_ns(), can_id, msg.dlc, flags, 0, msg.data)
 
 
-def _marked(frame: bytes) -> bytes:
+def _own_copy(frame: bytes) -> bytes:
     """Return the copy that a node sends to itself, marked by the first reserved byte."""
     return frame[:14] + b"\1" + frame[15:]
 

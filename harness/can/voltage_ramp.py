@@ -6,7 +6,7 @@
 When following begins, o = v - u: the voltages go on from where they are, and what is left of the
 difference fades at the rate R while they follow, however fast that is. The loop sends such
 voltages, and a board applies such, each by itself: a board that hears nothing is on the same way to
-rest as the loop that cannot be heard.
+rest as the loop whose frames do not arrive.
 """
 
 from __future__ import annotations

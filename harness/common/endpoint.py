@@ -20,6 +20,12 @@ class Endpoint(NamedTuple):
     port: str
 
     @classmethod
+    def parse(cls, text: str) -> Endpoint:
+        """Return the endpoint that a scenario names, whose own parts have no dot in their names."""
+        part, _, port = text.partition(".")
+        return cls(part, port)
+
+    @classmethod
     def find(cls, text: str, parts: Iterable[str]) -> Endpoint | None:
         """Return the endpoint that `text` names; None if it begins with no part's name.
 

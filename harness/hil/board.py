@@ -9,20 +9,21 @@ the place of estimator and controller. It shares no clock, no memory and no stat
 from __future__ import annotations
 
 import dataclasses
-import math
 import os
 from collections.abc import Callable, Sequence
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fmu_src.errors import SteadytipError
 from harness.can.device_node import DeviceNode
 from harness.can.fault_injection import InjectedFault
+from harness.common.endpoint import Endpoint
 from harness.common.errors import StoppedError
+from harness.hil.clock import Session, TickClock
 from harness.hil.realtime import realtime
-from harness.hil.ring import Ring, RingWriter
-from harness.loop.loop import LoopOutcome, RealTimeClock
+from harness.hil.ring import Ring
+from harness.parts.can.address import address_of
 from harness.parts.can.board import BoardPart
 from harness.parts.settings import CanSettings, RecordedSettings
 from harness.results.result import Result
@@ -30,9 +31,6 @@ from harness.running import perform
 from harness.scenario.replaced import can_settings, is_on_bus, replaced_parts
 from harness.scenario.schema import PartTable, Scenario, SignalRoles, Wire
 from harness.system.assembly import assemble
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 __all__ = ["BUS", "board_scenario", "part_on_bus", "play"]
 
@@ -68,9 +66,9 @@ def _world(scenario: Scenario) -> tuple[str, set[str]]:
     grown = True
     while grown:
         more = {
-            wire.source.partition(".")[0]
+            Endpoint.parse(wire.source).part
             for wire in scenario.wires
-            if wire.delay == 0 and wire.target.partition(".")[0] in world
+            if wire.delay == 0 and Endpoint.parse(wire.target).part in world
         } - world
         grown = bool(more)
         world |= more
@@ -98,7 +96,7 @@ def world_scenario(scenario: Scenario, command: Path | None = None) -> Scenario:
     name, world = _world(scenario)
     wires = []
     for wire in scenario.wires:
-        (start, _, output), end = wire.source.partition("."), wire.target.partition(".")[0]
+        (start, output), end = Endpoint.parse(wire.source), Endpoint.parse(wire.target).part
         if end in world and start in world:
             wires.append(wire)
         elif end in world and command is not None:
@@ -112,7 +110,7 @@ def world_scenario(scenario: Scenario, command: Path | None = None) -> Scenario:
         for role, patterns in scenario.signals
         if patterns is not None
         and all(
-            any(fnmatchcase(part, text.partition(".")[0]) for part in world)
+            any(fnmatchcase(part, Endpoint.parse(text).part) for part in world)
             for text in ([patterns] if isinstance(patterns, str) else patterns)
         )
     }
@@ -167,58 +165,28 @@ def board_scenario(
     return dataclasses.replace(scenario, parts=parts, seconds=_FOREVER)
 
 
-class _BoardClock:
-    """Ticks by the board's clock; see `harness.loop.loop.RealTimeClock`."""
+class _BoardClock(TickClock):
+    """Ticks by the board's clock, until the loop stops or the process that started this is gone."""
 
-    def __init__(self, board: BoardPart, priority: int, ready: Callable[[], None]) -> None:
-        self.name = board.name
-        self.watchdog = math.inf
-        self._board = board
+    def __init__(self, node: DeviceNode, priority: int, ready: Callable[[], None]) -> None:
+        super().__init__(realtime(priority), BUS)
+        self._node = node
         self._ready = ready
-        self._realtime = realtime(priority)
-        self._over = False
-
-    @property
-    def _node(self) -> DeviceNode:
-        assert self._board.node is not None
-        return self._board.node
 
     def begin(self, idle: Callable[[], None]) -> None:
-        self._idle = idle
+        """Wait for the loop."""
         self._ready()
-        self._realtime.__enter__()
+        super().begin(idle)
         parent = os.getppid()
-        self._over = not self._node.meet(lambda: self._over or os.getppid() != parent)
+        if not self._node.wait_for_controller(lambda: self.is_stopped or os.getppid() != parent):
+            self.stop()
 
-    def wait(self, tick: int) -> int:
-        if self._over or self._node.ended:
+    def _wait(self, tick: int) -> int:
+        if self._node.ended:
             return 0
         self._idle()
         self._node.wait(tick)
         return 1
-
-    def stop(self) -> None:
-        self._over = True
-
-    def end(self) -> None:
-        self._realtime.__exit__(None, None, None)
-
-
-class _BoardSession:
-    """See `harness.running.HilSession`."""
-
-    def __init__(self, clock: RealTimeClock, ring: RingWriter | None) -> None:
-        self.clock: RealTimeClock = clock
-        self.observe = ring.append if ring is not None else None
-        self._ring = ring
-
-    def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
-        if self._ring is not None:
-            self._ring.close()
-        return {}
-
-    def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
-        return None, {}
 
 
 def play(
@@ -260,10 +228,12 @@ def play(
     system = assemble(board_scenario(scenario, interface, channel, recording), motion, status)
     board = system.parts[BUS]
     assert isinstance(board, BoardPart)
-    board.faults, board.seed, board.drift = faults, seed, drift
-    clock = _BoardClock(board, priority, ready)
-    writer = Ring.create(ring, system.columns, scenario.step_size) if ring is not None else None
-    session = _BoardSession(clock, writer)
+    step = scenario.step_size
+    address = address_of(board.keys)
+    node = DeviceNode(board.database, board.keys.node, address, step, drift, faults, seed)
+    system = dataclasses.replace(system, parts={**system.parts, **board.on_bus(node)})
+    writer = Ring.create(ring, system.columns, step) if ring is not None else None
+    session = Session(_BoardClock(node, priority, ready), writer)
     try:
         return perform(system, folder, session=session, report=False, status=status)
     except StoppedError as ended:

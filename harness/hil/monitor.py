@@ -26,16 +26,17 @@ from typing import TYPE_CHECKING
 
 from fmu_src.errors import SteadytipError
 from harness.common.errors import nearest
+from harness.common.processes import end_process
 
 if TYPE_CHECKING:
-    from harness.hil.monitor_view import Live
+    from harness.hil.monitor_view import MonitoredRings
 
 __all__ = ["Monitor", "main", "start_monitor"]
 
 _HOST = "127.0.0.1"
 _ROLES = ("tip_uncompensated", "tip", "intent", "actuator_voltage")
 _NICE = 10
-_PATIENCE = 5.0  # s that the process gets to end in order
+_END = 5.0  # s that the process gets to end in order
 _START = 60.0  # s until it has to have said where it is
 _WAIT = 30.0  # s for rings that other processes make
 
@@ -59,12 +60,7 @@ class Monitor:
 
     def close(self) -> None:
         """End the process; a second time does nothing."""
-        self._process.terminate()
-        try:
-            self._process.wait(_PATIENCE)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            self._process.wait()
+        end_process(self._process, _END)
         if self._process.stdout is not None:
             self._process.stdout.close()
 
@@ -84,7 +80,7 @@ def start_monitor(
         rings: files, the loop's first; they may appear later, within 30 s.
         roles: names or patterns of columns by role, as in a scenario's `signals`; those that are
             not shown may be among them. Without `intent`, as when a recording moves the hand, it
-            is made from `moved`.
+            is made from `tip_uncompensated`.
         port: on 127.0.0.1; 0 for a free one.
 
     Raises:
@@ -218,11 +214,11 @@ def _serve(options: argparse.Namespace, stop: threading.Event) -> None:
     roles = _roles(options.role)
     # NumPy's library starts as many threads as there are cores, unless told before it is loaded.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-    from harness.hil.monitor_view import Live
+    from harness.hil.monitor_view import MonitoredRings
 
-    live = Live(options.rings, roles)
+    rings = MonitoredRings(options.rings, roles)
     end = time.monotonic() + options.wait
-    _open(live, end, options.wait)
+    _open(rings, end, options.wait)
     with _listen(options.port) as listener:
         try:
             from werkzeug.serving import make_server
@@ -235,33 +231,35 @@ def _serve(options: argparse.Namespace, stop: threading.Event) -> None:
         logging.getLogger("werkzeug").setLevel(logging.ERROR)  # else a line for each request
         port = listener.getsockname()[1]
         server = make_server(
-            _HOST, port, application(live).server, threaded=True, fd=listener.fileno()
+            _HOST, port, application(rings).server, threaded=True, fd=listener.fileno()
         )
         threading.Thread(target=server.serve_forever, name="steadytip-page", daemon=True).start()
         print(f"http://{_HOST}:{port}/", flush=True)
         try:
-            _watch(live, stop, end, options)
+            _watch(rings, stop, end, options)
         finally:
             server.shutdown()
             server.server_close()
 
 
-def _open(live: Live, end: float, wait: float) -> None:
+def _open(rings: MonitoredRings, end: float, wait: float) -> None:
     from harness.hil.ring import no_ring
 
-    missing = live.open()
+    missing = rings.open()
     if missing is not None and time.monotonic() >= end:
         raise no_ring(missing, wait)
 
 
-def _watch(live: Live, stop: threading.Event, end: float, options: argparse.Namespace) -> None:
+def _watch(
+    rings: MonitoredRings, stop: threading.Event, end: float, options: argparse.Namespace
+) -> None:
     from harness.hil.monitor_view import SILENT, MonitorState
     from harness.hil.page import PERIOD
 
     alive = time.monotonic()  # the loop, or the parent, which may yet start one
     while not stop.wait(PERIOD):
-        _open(live, end, options.wait)
-        (_, state, _), *_ = live.look()
+        _open(rings, end, options.wait)
+        (_, state, _), *_ = rings.look()
         if state is MonitorState.RUNNING or os.getppid() == options.parent:
             alive = time.monotonic()
         elif state is MonitorState.STOPPED or time.monotonic() - alive > 2.0 * SILENT:

@@ -35,12 +35,12 @@ __all__ = [
     "WINDOW",
     "Count",
     "Feed",
-    "Live",
     "MonitorState",
-    "Pulse",
+    "MonitoredRings",
     "Rows",
     "Tip",
     "View",
+    "Watchdog",
     "fresh",
     "histogram",
     "joined",
@@ -70,7 +70,7 @@ class MonitorState(enum.Enum):
     STOPPED = "stopped"
 
 
-class Pulse:
+class Watchdog:
     """Tells from a ring's count whether its writer lives: it does while the count rises."""
 
     def __init__(self) -> None:
@@ -273,26 +273,26 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
         rings: the last rows of each.
         roles: columns by role; without `intent`, `metrics.intent_of` finds it.
     """
-    homes: dict[str, Rows] = {}
+    sources: dict[str, Rows] = {}
     for role in ("tip_uncompensated", "tip", "intent"):
         names = roles.get(role, ())
         for rows in rings:
             if names and set(names) <= {column.name for column in rows.columns}:
-                homes.setdefault(role, rows)
-    if not {"tip_uncompensated", "tip"} <= set(homes):
+                sources.setdefault(role, rows)
+    if not {"tip_uncompensated", "tip"} <= set(sources):
         return None
-    known = {role: rows.samples() for role, rows in homes.items()}
+    known = {role: rows.samples() for role, rows in sources.items()}
     common, places = joined([numbers for numbers, _ in known.values()])
     if len(common) < 2:
         return None
     grid = np.arange(common[0], common[-1] + 1)
     signals: dict[str, FloatArray] = {}
-    for (role, rows), place in zip(homes.items(), places, strict=True):
+    for (role, rows), place in zip(sources.items(), places, strict=True):
         values = rows.of(roles[role])[known[role][1][place]]
         if len(grid) > len(common):
             values = np.column_stack([np.interp(grid, common, each) for each in values.T])
         signals[role] = values
-    step = homes["tip"].step
+    step = sources["tip"].step
     motion = MetricInputs(
         step,
         tip_uncompensated=signals["tip_uncompensated"],
@@ -300,7 +300,7 @@ def tip_of(rings: Sequence[Rows], roles: Mapping[str, Sequence[str]]) -> Tip | N
         intent=signals.get("intent"),
     )
     intent = intent_of(motion)
-    assert intent is not None  # it can be made from `moved`
+    assert intent is not None  # it can be made from `tip_uncompensated`
     without, error = signals["tip_uncompensated"] - intent, signals["tip"] - intent
     without, error = without - without.mean(axis=0), error - error.mean(axis=0)
     spectra = None
@@ -356,7 +356,7 @@ def view_of(
         name for name in roles.get("actuator_voltage", ()) if loop.names(name)
     )
     mode, latency = loop.names(_MODE), loop.names(_LATENCY)
-    took = loop.of(latency)[arrived] if latency else None
+    latencies = loop.of(latency)[arrived] if latency else None
     return View(
         seconds=now,
         time=np.asarray(loop.ticks * loop.step - now),
@@ -364,7 +364,7 @@ def view_of(
         tip_time=tip_time,
         volts=(names, loop.of(names)),
         mode=loop.of(mode)[:, 0] if mode else None,
-        latency=None if took is None else took[took > 0.0],  # 0: no new one
+        latency=None if latencies is None else latencies[latencies > 0.0],  # 0: no new one
         feeds=tuple(_feed(loop, name) for name in loop.feeds),
     ), shift
 
@@ -374,7 +374,7 @@ class _Source:
 
     def __init__(self, path: Path) -> None:
         self.path = path
-        self.pulse = Pulse()
+        self.watchdog = Watchdog()
         self.ring: Ring | None = None
         self._taken: tuple[int, ...] = ()
 
@@ -393,7 +393,7 @@ class _Source:
         return Rows(ring.step, ticks, tuple(ring.columns[i] for i in taken), values)
 
 
-class Live:
+class MonitoredRings:
     """The rings of a loop and its boards, opened as they appear. For any number of threads.
 
     Attributes:
@@ -436,7 +436,7 @@ class Live:
         """State of each ring's writer, the loop's first, and for how long it has been quiet [s]."""
         now = time.monotonic()
         with self._lock:
-            return [(each.path, *each.pulse.look(each.ring, now)) for each in self._sources]
+            return [(each.path, *each.watchdog.look(each.ring, now)) for each in self._sources]
 
     def view(self) -> View:
         """Return the present view."""

@@ -1,4 +1,4 @@
-"""The monitor's page: Dash draws it and asks for news, four times a second.
+"""The monitor's page: Dash draws it and asks for new data four times a second.
 
 A figure goes to the browser once; then only its curves do. The page holds nothing of other hosts.
 """
@@ -22,7 +22,7 @@ from plotly.subplots import make_subplots
 
 from harness.common.quantities import format_quantity
 from harness.common.types import FloatArray
-from harness.hil.monitor_view import MODES, WINDOW, Live, MonitorState, View, histogram
+from harness.hil.monitor_view import MODES, WINDOW, MonitoredRings, MonitorState, View, histogram
 from harness.report.figures import colour, three_rows
 from harness.report.page import page_text
 from harness.report.plots import GREY, SERIES, layout, line, thinned
@@ -37,7 +37,7 @@ _POINTS = 1000
 _BEFORE, _AFTER = "without compensation", "with compensation"
 _SPECTRUM = 25.0  # Hz
 _VOLTS = 2.0  # s
-_GONE = 2.5  # s without an answer
+_NO_ANSWER = 2.5  # s without an answer
 _MICRO, _MILLI = 1e6, 1e3
 
 Curve = tuple[FloatArray, FloatArray]
@@ -60,11 +60,11 @@ class _Panel:
     curves: Callable[[View], list[Curve]]
 
 
-def application(live: Live) -> dash.Dash:
+def application(rings: MonitoredRings) -> dash.Dash:
     """Return the page and the callbacks that answer its requests.
 
     Args:
-        live: asked for a view whenever a page wants one.
+        rings: asked for a view whenever a page wants one.
     """
     app = dash.Dash(
         "steadytip",
@@ -79,7 +79,7 @@ def application(live: Live) -> dash.Dash:
     outputs = [dash.Output(name, what) for name, what in _FIXED]
     for panel in _PANELS:
         outputs += [dash.Output(f"{panel.id}-box", "hidden"), dash.Output(panel.id, "figure")]
-    newest = _Newest(live)
+    cache = _ViewCache(rings)
 
     # A page that is slow to draw asks less often, rather than for what it will never show.
     @app.callback(
@@ -89,16 +89,16 @@ def application(live: Live) -> dash.Dash:
         running=[(dash.Output("beat", "disabled"), True, False)],
     )
     def _refresh(_beats: int, drawn: list[int] | None) -> tuple[Any, ...]:
-        return newest.answer(drawn)
+        return cache.answer(drawn)
 
     app.clientside_callback(
         f"""(beats, shown) => {{
             const last = window.steadytip ??= {{}}, now = Date.now();
             if (last.shown !== shown) {{ last.shown = shown; last.at = now; }}
-            return now - last.at > {_GONE * 1e3:g}
+            return now - last.at > {_NO_ANSWER * 1e3:g}
                 ? "The monitor no longer answers. What is below is old." : "";
         }}""",
-        dash.Output("gone", "children"),
+        dash.Output("no-answer", "children"),
         dash.Input("clock", "n_intervals"),
         dash.Input("shown", "data"),
     )
@@ -136,7 +136,7 @@ def _page() -> html.Div:
             dcc.Interval(id="clock", interval=500),
             dcc.Store(id="shown"),
             dcc.Store(id="drawn"),
-            html.Div(id="gone", className="error"),
+            html.Div(id="no-answer", className="error"),
             html.Div(MonitorState.WAITING.value, id="banner", className="banner waiting"),
             html.Div(id="note", className="note"),
             html.Div(id="tiles", className="verdict"),
@@ -146,11 +146,11 @@ def _page() -> html.Div:
     )
 
 
-class _Newest:
+class _ViewCache:
     """Answers any number of pages from one view per period."""
 
-    def __init__(self, live: Live) -> None:
-        self._live = live
+    def __init__(self, rings: MonitoredRings) -> None:
+        self._rings = rings
         self._lock = threading.Lock()
         self._made = -np.inf
         self._words: tuple[Any, ...] = ()
@@ -174,8 +174,8 @@ class _Newest:
         return made, count, *words, *parts
 
     def _renew(self) -> None:
-        view = self._live.view()
-        self._words = (*_banner(self._live, view), _tiles(view), _counters(view))
+        view = self._rings.view()
+        self._words = (*_banner(self._rings, view), _tiles(view), _counters(view))
         self._curves = [panel.curves(view) for panel in _PANELS]
         self._made = time.monotonic()
         count = [len(each) for each in self._curves]
@@ -374,9 +374,9 @@ _PANELS = (
 # ---- Words -------------------------------------------------------------------------------------
 
 
-def _banner(live: Live, view: View) -> tuple[str, str, str]:
+def _banner(rings: MonitoredRings, view: View) -> tuple[str, str, str]:
     """Text, class and notes."""
-    (path, state, quiet), *others = live.look()
+    (path, state, quiet), *others = rings.look()
     at = f"{view.seconds:.1f} s"
     text = {
         MonitorState.WAITING: f"Waiting for the loop ({path.name})",

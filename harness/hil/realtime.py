@@ -1,4 +1,4 @@
-"""A thread that keeps to the wall clock: what Python and the kernel have to be told for that.
+"""A thread that keeps to the wall clock, and the settings of Python and kernel that it needs.
 
 | what hurts | what is done |
 | --- | --- |
@@ -20,6 +20,7 @@ import sys
 import threading
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import Any
 
@@ -29,6 +30,7 @@ _SWITCH = 50e-6
 _STAT, _TASKS = Path("/proc/stat"), Path("/proc/self/task")
 
 
+@dataclass
 class Conditions:
     """What a thread got of what it asked for, and what the machine took.
 
@@ -39,14 +41,13 @@ class Conditions:
             system does not tell.
     """
 
-    def __init__(self) -> None:
-        self.priority = 0
-        self.reason = ""
-        self.stolen: float | None = None
+    priority: int = 0
+    reason: str = ""
+    stolen: float | None = None
 
     def metadata(self) -> dict[str, Any]:
         """For the record; JSON types only."""
-        return {"priority": self.priority, "reason": self.reason, "stolen": self.stolen}
+        return asdict(self)
 
 
 def cpu_times() -> tuple[int, int] | None:

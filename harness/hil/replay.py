@@ -1,35 +1,36 @@
 """A log of raw frames run through the loop again.
 
 The node of the loop is the one that ran on the bus; the frames, the time at which each tick began
-and the state of the medium come from the log. What is sent is compared with what was sent.
+and the state of the channel come from the log. What is sent is compared with what was sent.
 """
 
 from __future__ import annotations
 
-import math
+import dataclasses
 import os
 from collections.abc import Callable, Generator, Mapping
+from contextlib import nullcontext
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from fmu_src.errors import SteadytipError
 from harness.can.channel import Address, ChannelState
-from harness.can.controller_node import TURN, ControllerNode, Outgoing, Turn
+from harness.can.controller_node import ControllerNode
+from harness.can.cycle import TICK, Tick
 from harness.can.database import Database
 from harness.can.frame_log import Entry, read_log
 from harness.can.timing import Timing
+from harness.can.transmission import SentMessage
 from harness.hil.board import part_on_bus
-from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
+from harness.hil.clock import Session, TickClock
+from harness.loop.loop import LoopOutcome, Progress
 from harness.parts.can.feed import FeedPart
 from harness.recordings.run_record import PARQUET
 from harness.results.result import Result
 from harness.running import perform
 from harness.scenario import load as scenarios
 from harness.system.assembly import assemble
-
-if TYPE_CHECKING:
-    import pyarrow as pa
 
 __all__ = ["Replay", "replay"]
 
@@ -62,11 +63,12 @@ class _LoggedNode(ControllerNode):
     """A node whose bus is a log."""
 
     def __init__(
-        self, database: Database, name: str, policy: Timing, step: float, entries: Generator[Entry]
+        self, database: Database, name: str, timing: Timing, step: float, entries: Generator[Entry]
     ) -> None:
-        super().__init__(database, name, Address(None, None), policy, step)
+        super().__init__(database, name, Address(None, None), timing, step)
         self._entries = entries
         self._next = next(entries, None)
+        self._state = ChannelState.OPEN
         self.commands = 0
         self.differing = 0
 
@@ -77,40 +79,41 @@ class _LoggedNode(ControllerNode):
     def open(self) -> None:
         """There is nothing to open."""
 
-    def meet(self, stopped: Callable[[], bool] = lambda: False) -> None:
-        """Return at once: a log needs no board."""
-
-    def wait(self, index: int) -> Turn:
-        """Hear what was heard until the tick began; a turn of no steps at the end of the log."""
+    def steps(self, index: int) -> int:
+        """Run the cycle with the frames until the next tick of the log; return its steps or 0."""
         unsent = 0
         while (entry := self._pop()) is not None:
             if entry.tick is not None:
                 self.commands += unsent
                 self.differing += unsent
-                _, _, state, overran = TURN.unpack(entry.tick)
-                return self.turn(index, entry.time, ChannelState(state), bool(overran))
+                _, _, state, overran = TICK.unpack(entry.tick)
+                self._state = ChannelState(state)
+                tick = Tick(index, entry.time, self._state, bool(overran))
+                self.input = self.cycle.cycle((), tick)
+                return self.input.steps
             if not entry.was_sent:
-                self.hear(entry.message)
+                self.reception.receive(entry.message)
                 continue
-            # Sent then and not now: a heartbeat while the board was waited for, or worse.
-            unsent += self._command is not None and self._has(entry, self._command)
-            self.reception.sent(sum(b.seconds for b in self._beats if self._has(entry, b)))
-        return Turn(index, 0, 0, ChannelState.OPEN, False)
+            # Sent then and not now: a heartbeat while the board was waited for, or a difference.
+            command = self.cycle.command_message
+            unsent += command is not None and self._has(entry, command)
+            self.reception.sent(sum(h.seconds for h in self._heartbeats if self._has(entry, h)))
+        return 0
 
-    def _has(self, entry: Entry, outgoing: Outgoing) -> bool:
-        return entry.was_sent and entry.message.arbitration_id == outgoing.message.id
+    def _has(self, entry: Entry, sent: SentMessage) -> bool:
+        return entry.was_sent and entry.message.arbitration_id == sent.message.id
 
-    def _send(self, outgoing: Outgoing, data: bytes) -> int | None:
+    def _send(self, sent: SentMessage, data: bytes) -> int | None:
         """Compare with what was sent; the log tells when, too."""
         entry = self._next
-        is_command = outgoing is self._command
+        is_command = sent is self.cycle.command_message
         self.commands += is_command
-        if entry is None or not self._has(entry, outgoing):
+        if entry is None or not self._has(entry, sent):
             self.differing += is_command and self._state is ChannelState.OPEN
             return None
         self._pop()
         self.differing += is_command and bytes(entry.message.data) != data
-        self.reception.sent(outgoing.seconds)
+        self.reception.sent(sent.seconds)
         return entry.time
 
     def close(self) -> None:
@@ -118,41 +121,26 @@ class _LoggedNode(ControllerNode):
         self._entries.close()
 
 
-class _LogClock:
-    def __init__(self, feed: FeedPart) -> None:
-        self.name = feed.name
-        self.watchdog = math.inf
-        self._feed = feed
-        self._over = False
+class _LogClock(TickClock):
+    """Ticks of a log, as fast as they go."""
 
-    def begin(self, idle: Callable[[], None]) -> None:
-        pass
+    def __init__(self, feed: str, node: _LoggedNode) -> None:
+        super().__init__(nullcontext(), feed)
+        self._node = node
 
-    def wait(self, tick: int) -> int:
-        assert self._feed.node is not None
-        return 0 if self._over else self._feed.node.wait(tick).steps
-
-    def stop(self) -> None:
-        self._over = True
-
-    def end(self) -> None:
-        pass
+    def _wait(self, tick: int) -> int:
+        return self._node.steps(tick)
 
 
-class _ReplaySession:
+class _ReplaySession(Session):
     """See `harness.running.HilSession`."""
 
-    def __init__(self, clock: RealTimeClock, feed: FeedPart) -> None:
-        self.clock: RealTimeClock = clock
-        self.observe = None
-        self._feed = feed
+    def __init__(self, clock: TickClock, node: ControllerNode) -> None:
+        super().__init__(clock)
+        self._node = node
 
     def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
-        node = self._feed.node
-        return {"hil": {"conditions": {}, "notes": [], **({} if node is None else node.metadata())}}
-
-    def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
-        return None, {}
+        return {"hil": {"conditions": {}, "notes": [], **self._node.cycle.metadata()}}
 
 
 def replay(
@@ -194,21 +182,17 @@ def replay(
     system = assemble(checked, None, status)
     feed = system.parts[name]
     assert isinstance(feed, FeedPart)
-    feed.policy = checked.hil
-    entries = read_log(log)
-    feed.make_node = lambda feed, step: _LoggedNode(
-        feed.database, feed.keys.node, feed.policy, step, entries
-    )
+    step = checked.step_size
+    node = _LoggedNode(feed.database, feed.keys.node, checked.hil, step, read_log(log))
+    system = dataclasses.replace(system, parts={**system.parts, **feed.on_bus(node)})
     result = perform(
         system,
         out or log.parent / "replay",
-        session=_ReplaySession(_LogClock(feed), feed),
+        session=_ReplaySession(_LogClock(name, node), node),
         report=report,
         status=status,
         progress=progress,
     )
-    node = feed.node
-    assert isinstance(node, _LoggedNode)
     common, changed = _compared(before, result)
     return Replay(result, node.commands, node.differing, common, changed)
 

@@ -18,13 +18,17 @@ import pyarrow as pa
 from pyarrow import parquet
 
 from fmu_src.errors import SteadytipError
+from harness.can.controller_node import ControllerNode
 from harness.can.frame_log import SUFFIXES, FrameLog
 from harness.common.errors import FaultError
+from harness.common.processes import end_process
 from harness.hil.board import BUS, part_on_bus, world_scenario
+from harness.hil.clock import Session, TickClock, WallClock
 from harness.hil.monitor import start_monitor
 from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter, memory_folder
-from harness.loop.loop import LoopOutcome, Progress, RealTimeClock
+from harness.loop.loop import LoopOutcome, Progress
+from harness.parts.can.address import address_of
 from harness.parts.can.feed import FeedPart
 from harness.recordings.run_record import read_metadata, read_record, record_file
 from harness.results.result import Result
@@ -44,76 +48,25 @@ WORLD = "board"
 _LOOP_RING, _BOARD_RING = "loop.ring", "board.ring"
 READY = "on the bus"
 """Line with which an emulated board says that it is."""
-_PATIENCE = 120.0  # s for an emulated board to build and load its FMUs
+_START_TIMEOUT = 120.0  # s for an emulated board to build and load its FMUs
 _MARGIN = 10.0  # s that the C program's recording is longer than the run
-_ENDING = 20.0  # s for it to write its record
+_END_TIMEOUT = 20.0  # s for it to write its record
 
 
-class _Clock:
-    """Ticks by this machine's clock, for a loop without a bus; see `loop.RealTimeClock`."""
+class _SampleClock(TickClock):
+    """Ticks by the samples of a board."""
 
-    name = ""
-
-    def __init__(self, step: float, settings: Hil) -> None:
-        self._step = step
-        self.watchdog = settings.watchdog
-        self._realtime = realtime(settings.priority)
-        self._over = False
+    def __init__(self, feed: str, node: ControllerNode, settings: Hil) -> None:
+        super().__init__(realtime(settings.priority), feed, settings.watchdog)
+        self._node = node
 
     def begin(self, idle: Callable[[], None]) -> None:
-        self._idle = idle
-        self.conditions = self._realtime.__enter__()
-        self._begun = time.monotonic_ns()
+        """Wait for the board."""
+        super().begin(idle)
+        self._node.wait_for_board(lambda: self.is_stopped)
 
-    def wait(self, tick: int) -> int:
-        from harness.can.precise_sleep import sleep_until
-
-        self._idle()
-        sleep_until(self._begun + round(tick * self._step * 1e9))
-        return 0 if self._over else 1
-
-    def stop(self) -> None:
-        self._over = True
-
-    def end(self) -> None:
-        self._realtime.__exit__(None, None, None)
-
-
-class _BusPace:
-    """Ticks by the samples of a board; see `loop.RealTimeClock`."""
-
-    def __init__(self, feed: FeedPart, log: FrameLog | None, settings: Hil) -> None:
-        self.name = feed.name
-        self.watchdog = settings.watchdog
-        self._feed = feed
-        self._log = log
-        self._realtime = realtime(settings.priority)
-        self._over = False
-
-    def begin(self, idle: Callable[[], None]) -> None:
-        node, log = self._feed.node, self._log
-        assert node is not None
-        if log is not None:
-            node.journal = log
-
-        def write() -> None:
-            idle()
-            if log is not None:
-                log.flush()
-
-        node.idle = write
-        self.conditions = self._realtime.__enter__()
-        node.meet(lambda: self._over)
-        self._wait = node.wait
-
-    def wait(self, tick: int) -> int:
-        return 0 if self._over else self._wait(tick).steps
-
-    def stop(self) -> None:
-        self._over = True
-
-    def end(self) -> None:
-        self._realtime.__exit__(None, None, None)
+    def _wait(self, tick: int) -> int:
+        return self._node.wait(tick, self._idle).steps
 
 
 class _Board:
@@ -128,27 +81,27 @@ class _Board:
         self.folder = folder
         folder.mkdir(parents=True, exist_ok=True)
         # What it says goes to a file: a pipe that nobody reads would stop it.
-        self._said = folder / "board.txt"
+        self._output = folder / "board.txt"
         command = [sys.executable, "-c", "from harness.cli.main import main; main()", "board"]
-        with self._said.open("wb") as said:
+        with self._output.open("wb") as output:
             self._process = subprocess.Popen(
                 [*command, *arguments, "--out", str(folder)],
                 stdin=subprocess.DEVNULL,
-                stdout=said,
-                stderr=said,
+                stdout=output,
+                stderr=output,
                 # Ctrl-C is for the loop, which then ends the board in order.
                 start_new_session=True,
             )
-        until = time.monotonic() + _PATIENCE
+        until = time.monotonic() + _START_TIMEOUT
         # As a whole line: what else it says may have these words in it.
-        while READY not in self._said.read_text(errors="replace").splitlines():
+        while READY not in self._output.read_text(errors="replace").splitlines():
             if self._process.poll() is not None or time.monotonic() > until:
                 self._process.kill()
-                raise SteadytipError(f"the emulated board did not start: {self._words()}")
+                raise SteadytipError(f"the emulated board did not start: {self._text()}")
             time.sleep(0.02)
 
-    def _words(self) -> str:
-        words = self._said.read_text(errors="replace").strip()
+    def _text(self) -> str:
+        words = self._output.read_text(errors="replace").strip()
         return words or "it said nothing"
 
     def abandon(self) -> None:
@@ -165,15 +118,12 @@ class _Board:
         """
         try:
             # It ends by itself when the loop has said that it stops, and then writes its record.
-            self._process.wait(_ENDING)
+            code = self._process.wait(_END_TIMEOUT)
         except subprocess.TimeoutExpired:
-            self._process.terminate()
-        try:
-            code = self._process.wait(_ENDING)
-        except subprocess.TimeoutExpired:
-            self._process.kill()
-            return f"the emulated board did not end within {_ENDING:g} s and was killed"
-        return f"the emulated board ended with exit code {code}: {self._words()}" if code else ""
+            if not end_process(self._process, _END_TIMEOUT):
+                return f"the emulated board did not end within {_END_TIMEOUT:g} s and was killed"
+            code = self._process.returncode
+        return f"the emulated board ended with exit code {code}: {self._text()}" if code else ""
 
 
 class _Firmware:
@@ -204,9 +154,11 @@ class _Firmware:
         name = part_on_bus(scenario)
         length = dataclasses.replace(scenario, seconds=scenario.seconds + _MARGIN)
         world = assemble(world_scenario(length), motion)
-        felt = perform(world, folder / "sensors", report=False)
-        volts = np.column_stack([felt.signals(f"{name}.volts_{c}") for c in CHANNELS])
-        samples = write_samples(folder / "samples.csv", volts, felt.signals(f"{name}.temperature"))
+        sensed = perform(world, folder / "sensors", report=False)
+        volts = np.column_stack([sensed.signals(f"{name}.volts_{c}") for c in CHANNELS])
+        samples = write_samples(
+            folder / "samples.csv", volts, sensed.signals(f"{name}.temperature")
+        )
         self._board = FirmwareBoard(
             samples,
             can_settings(scenario.parts[name]).can,
@@ -247,67 +199,74 @@ class _Firmware:
         return ""
 
 
-class _LoopSession:
+class _LoopSession(Session):
     """The loop's clock, log and board; see `harness.running.HilSession`."""
 
     def __init__(
         self,
-        clock: RealTimeClock,
-        feed: FeedPart | None,
-        log: FrameLog | None,
-        board: _Board | _Firmware | None,
-        folder: Path,
+        clock: TickClock,
         system: System,
+        folder: Path,
+        board: _Board | _Firmware | None,
         ring: RingWriter | None,
+        injected: Mapping[str, Any],
+        node: ControllerNode | None = None,
     ) -> None:
-        self.clock: RealTimeClock = clock
-        self.observe = ring.append if ring is not None else None
-        self._ring = ring
+        """Take over what belongs to the run.
+
+        Args:
+            clock: of the ticks.
+            system: that runs.
+            folder: of the run.
+            board: the emulated one; None without.
+            ring: that shows each tick; None without a monitor.
+            injected: faults that the emulated board was asked for, and their seed.
+            node: of the loop; None without a bus.
+        """
+        super().__init__(clock, ring)
+        self._clock = clock
         self._system = system
-        self._feed = feed
-        self._log = log
-        self._board = board
         self._folder = folder
-        self.injected: Mapping[str, Any] = {}
-        """Faults that the emulated board was asked for, and their seed."""
+        self._board = board
+        self._injected = injected
+        self._node = node
 
     def closed(self, outcome: LoopOutcome) -> dict[str, Any]:
         """See `harness.running.HilSession.closed`."""
+        super().closed(outcome)
         notes = []
-        if self._ring is not None:
-            self._ring.close()
-        if self._log is not None:
+        log = self._node.log if self._node is not None else None
+        if log is not None:
             try:
-                self._log.close()
+                log.close()
             except FaultError as error:
                 notes.append(str(error))
         if self._board is not None:
-            trouble = self._board.end()
-            notes += [trouble] * bool(trouble)
-        node = self._feed.node if self._feed is not None else None
-        conditions = getattr(self.clock, "conditions", None)
+            problem = self._board.end()
+            notes += [problem] * bool(problem)
+        conditions = self._clock.conditions
         limits = self._system.scenario.hil.limits
         return {
             "hil": {
                 "conditions": conditions.metadata() if conditions is not None else {},
                 "notes": notes,
-                "log": self._log.path.name if self._log is not None else None,
-                "injected": self.injected,
+                "log": log.path.name if log is not None else None,
+                "injected": self._injected,
                 "limits": {n: limit.model_dump() for n, limit in limits.items()},
-                **({} if node is None else node.metadata()),
+                **({} if self._node is None else self._node.cycle.metadata()),
             }
         }
 
     def extra_columns(self) -> tuple[pa.Table | None, dict[str, Any]]:
         """Return what the emulated board has recorded of the world, at the samples of the ticks."""
-        if self._board is None or self._feed is None:
+        if self._board is None or not self._clock.name:
             return None, {}
         try:
             world = read_record(record_file(self._board.folder))
             loop = read_record(record_file(self._folder))
         except SteadytipError:
             return None, {}
-        table = _joined(loop, self._feed.name, world)
+        table = _joined(loop, self._clock.name, world)
         system = self._system
         columns = [*loop.column_names, *table.column_names]
         parts = {name: part.metadata() for name, part in system.parts.items()}
@@ -408,9 +367,16 @@ def hil(
                 known = _signals(checked, moved=path is not None)
                 page = stack.enter_context(start_monitor(shown, known, port))
                 status(f"monitor: {page.url}")
-            session = _session(system, folder, board, ring)
-            if emulated:
-                session.injected = {"faults": list(faults), "seed": fault_seed}
+            injected = {"faults": list(faults), "seed": fault_seed} if emulated else {}
+            node: ControllerNode | None = None
+            clock: TickClock
+            feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
+            if feeds:
+                system, node, clock = _sample_clock(system, feeds[0], folder)
+            else:
+                settings = checked.hil
+                clock = WallClock(checked.step_size, settings.watchdog, settings.priority)
+            session = _LoopSession(clock, system, folder, board, ring, injected, node)
             return perform(
                 system,
                 folder,
@@ -474,20 +440,18 @@ def _arguments(
     return [*arguments, "--fault-seed", str(seed)]
 
 
-def _session(
-    system: System, folder: Path, board: _Board | _Firmware | None, ring: RingWriter | None
-) -> _LoopSession:
+def _sample_clock(
+    system: System, feed: FeedPart, folder: Path
+) -> tuple[System, ControllerNode, TickClock]:
+    """Put the loop's end on the bus: the system with its node, the node, and the ticks by it."""
     settings = system.scenario.hil
-    feeds = [part for part in system.parts.values() if isinstance(part, FeedPart)]
-    if not feeds:
-        clock = _Clock(system.scenario.step_size, settings)
-        return _LoopSession(clock, None, None, board, folder, system, ring)
-    (feed,) = feeds
-    feed.policy = settings
     log = None
     if settings.log != "none":
         folder.mkdir(parents=True, exist_ok=True)
         for suffix in SUFFIXES.values():
             (folder / f"{FRAMES}{suffix}").unlink(missing_ok=True)
         log = FrameLog(folder / f"{FRAMES}{SUFFIXES[settings.log]}")
-    return _LoopSession(_BusPace(feed, log, settings), feed, log, board, folder, system, ring)
+    step, address = system.scenario.step_size, address_of(feed.keys)
+    node = ControllerNode(feed.database, feed.keys.node, address, settings, step, log)
+    system = dataclasses.replace(system, parts={**system.parts, **feed.on_bus(node)})
+    return system, node, _SampleClock(feed.name, node, settings)

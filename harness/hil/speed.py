@@ -33,13 +33,15 @@ PRIORITIES = (Hil().priority, 0)
 """Of the loop's thread: that of a scenario which says nothing of it, and an ordinary one."""
 _SOURCE = "steadytip bench hil"
 _MICRO = 1e6
-_TIMES = {
-    "latency_p50": "latency, median",
-    "latency_p99": "latency, 99 %",
-    "wake_up_p50": "wake-up, median",
-    "wake_up_p99": "wake-up, 99 %",
+_METRICS = {
+    "latency_p50": ("latency, median", "us", _MICRO),
+    "latency_p99": ("latency, 99 %", "us", _MICRO),
+    "wake_up_p50": ("wake-up, median", "us", _MICRO),
+    "wake_up_p99": ("wake-up, 99 %", "us", _MICRO),
+    "lost_samples": ("lost samples", "", 1),
+    "overruns": ("overruns", "", 1),
 }
-_COUNTS = {"lost_samples": "lost samples", "overruns": "overruns"}
+"""Figures of a run: words, unit, and the factor to it."""
 _CALLS, _REPEATS = 2000, 5
 _PACED = 1e-3  # s
 
@@ -88,18 +90,12 @@ def loop_figures(
     with TemporaryDirectory(prefix="steadytip-bench-", ignore_cleanup_errors=True) as folder:
         result = hil(SCENARIO, overrides=overrides, out=Path(folder), report=False, status=status)
         metrics, conditions = result.metrics, (result.metadata.hil or {})["conditions"]
-    if not _TIMES.keys() <= metrics.keys():
+    if not _METRICS.keys() <= metrics.keys():
         raise SteadytipError(f"{link}: no sample of {seconds:g} s came in time to be measured")
     setting = f"{SCENARIO}, {link}, {seconds:g} s, {_words(conditions)}"
     return [
-        *(
-            Figure(_SOURCE, words, "us", None, _MICRO * metrics[name].value, setting)
-            for name, words in _TIMES.items()
-        ),
-        *(
-            Figure(_SOURCE, words, "", None, metrics[name].value, setting)
-            for name, words in _COUNTS.items()
-        ),
+        Figure(_SOURCE, words, unit, None, factor * metrics[name].value, setting)
+        for name, (words, unit, factor) in _METRICS.items()
     ]
 
 
@@ -139,12 +135,8 @@ def _codec(database: Database, message: Message) -> Iterator[Figure]:
     codec = Codec(message)
     values = [sum(signal.range) / 2 for signal in message.signals]
     frame = codec.encode(values, 1)
-    is_intact, counter, decode, encode = (
-        codec.is_intact,
-        codec.counter,
-        codec.decode,
-        codec.encode,
-    )
+    is_intact, counter = codec.is_intact, codec.counter
+    decode, encode = codec.decode, codec.encode
 
     def receive() -> None:
         is_intact(frame)

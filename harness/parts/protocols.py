@@ -39,8 +39,7 @@ class RunContext:
 class Part(Protocol):
     """One member of the loop. Its constructor reads and checks; `start` acts.
 
-    A part may have `warnings`: sentences on what it goes on with, but should not have to; and
-    `siblings`: further parts by name that stand beside it in the loop.
+    A part may have `warnings`: sentences on what it goes on with, but should not have to.
     """
 
     name: str
@@ -82,6 +81,20 @@ class Part(Protocol):
 
     def metadata(self) -> dict[str, Any]:
         """Return what the report and the results say about this part, JSON types only."""
+
+
+@runtime_checkable
+class OnBus(Protocol):
+    """A part at one end of a bus: its outputs come in, the inputs of its siblings go out.
+
+    Attributes:
+        siblings: further parts by name that stand beside it in the loop.
+        takes_by_name: whether an input of a sibling that no wire drives is driven by the output of
+            the same name, if there is one.
+    """
+
+    siblings: Mapping[str, Part]
+    takes_by_name: bool
 
 
 @runtime_checkable

@@ -14,7 +14,7 @@ from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError
 from harness.parts.kinds import kinds
 from harness.parts.ports import Column
-from harness.parts.protocols import Part, Settings
+from harness.parts.protocols import OnBus, Part, Settings
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.parts.settings import FmuSettings
@@ -127,7 +127,8 @@ def assemble(
             _check_takes_motion(name, part)
             wires.append(Wire(f"{companion}.recorded*", f"{name}.recorded*"))
         parts[name] = part
-        parts |= getattr(part, "siblings", {})
+        if isinstance(part, OnBus):
+            parts |= part.siblings
     wires, crossing = route_over_bus(wires, parts, gone)
     wires, problems = insert_faults(wires, parts, scenario.faults)
     wiring = connect(where, parts, wires)

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from harness.common.endpoint import Endpoint
-from harness.parts.protocols import Part
+from harness.parts.protocols import OnBus, Part
 from harness.scenario.schema import Wire
 from harness.system.wire import star_of
 
@@ -28,7 +28,7 @@ def route_over_bus(
     Returns:
         Wires, and notes on those that end in the open.
     """
-    buses = [name for name, part in parts.items() if getattr(part, "siblings", None) is not None]
+    buses = {name: part for name, part in parts.items() if isinstance(part, OnBus)}
     if not buses:
         return list(wires), []
     everything = [*parts, *gone]
@@ -47,8 +47,8 @@ def route_over_bus(
             continue
         over = [
             text
-            for bus in buses
-            for part in ([bus] if arrives else parts[bus].siblings)  # type: ignore[attr-defined]
+            for bus, on_bus in buses.items()
+            for part in ([bus] if arrives else on_bus.siblings)
             if _has(parts[part], output, not arrives)
             for text in [f"{part}.{output}"]
         ]
@@ -64,14 +64,14 @@ def route_over_bus(
 
 
 def _by_name(
-    parts: Mapping[str, Part], buses: Sequence[str], connected: Sequence[str]
+    parts: Mapping[str, Part], buses: Mapping[str, OnBus], connected: Sequence[str]
 ) -> Iterator[Wire]:
     """Yield wires for what a board can send and no wire brings, from the one part that has it."""
-    for bus in buses:
-        for name, companion in parts[bus].siblings.items():  # type: ignore[attr-defined]
-            if not getattr(companion, "takes_by_name", False):
-                continue
-            for port in companion.inputs:
+    for bus, on_bus in buses.items():
+        if not on_bus.takes_by_name:
+            continue
+        for name, sibling in on_bus.siblings.items():
+            for port in sibling.inputs:
                 target = f"{name}.{port.name}"
                 sources = [n for n, p in parts.items() if n != bus and _has(p, port.name, False)]
                 if len(sources) == 1 and not any(_fits(text, target) for text in connected):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
+from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError, nearest
 from harness.common.patterns import matching
 from harness.scenario.replaced import replaced_parts
@@ -40,9 +41,8 @@ def roles(scenario: Scenario, columns: Sequence[str]) -> dict[str, tuple[str, ..
             continue
         names = matching(columns, patterns)
         wanted = _COUNTS.get(role)
-        heads = [
-            p.partition(".")[0] for p in ([patterns] if isinstance(patterns, str) else patterns)
-        ]
+        texts = [patterns] if isinstance(patterns, str) else patterns
+        heads = [Endpoint.parse(text).part for text in texts]
         if not names and matching(tuple(gone), heads):
             continue
         if not names:

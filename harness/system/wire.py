@@ -44,7 +44,7 @@ def expand(wire: Wire, parts: Mapping[str, Part], problems: list[str]) -> Iterat
     start, end = Endpoint.find(wire.source, parts), Endpoint.find(wire.target, parts)
     for text, found in ((wire.source, start), (wire.target, end)):
         if found is None:
-            name = text.partition(".")[0]
+            name = Endpoint.parse(text).part
             problems.append(f"{label}: there is no part '{name}'; {nearest(name, parts)}")
     if start is None or end is None:
         return

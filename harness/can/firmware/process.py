@@ -19,6 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from fmu_src.errors import SteadytipError
 from harness.can.database import load
 from harness.can.firmware.build import build_board
+from harness.common.processes import end_process
 
 __all__ = ["CHANNELS", "FirmwareBoard", "fault_kinds", "write_samples"]
 
@@ -31,8 +32,8 @@ CHANNELS = tuple(
 )
 """Of a sample, in the order of its columns."""
 _POLL = 0.002  # s
-_TO_START = 5.0  # s until the link is there
-_TO_END = 2.0  # s from asking to killing
+_START_TIMEOUT = 5.0  # s until the link is there
+_END_TIMEOUT = 2.0  # s from asking to killing
 
 
 @cache
@@ -72,20 +73,11 @@ def write_samples(
             f"{path}: volts have the shape {channels.shape}, they need (samples, {len(CHANNELS)}): "
             f"{', '.join(CHANNELS)}"
         )
-    columns = [channels]
-    names = [f"volts_{channel}" for channel in CHANNELS]
-    forms = ["%.7f"] * len(CHANNELS)
-    for name, form, values in (
-        ("temperature", "%.2f", temperature),
-        ("field_new", "%d", field_new),
-    ):
-        if values is not None:
-            columns.append(np.asarray(values, dtype=float).reshape(-1, 1))
-            names.append(name)
-            forms.append(form)
-    np.savetxt(
-        path, np.hstack(columns), fmt=forms, delimiter=",", header=",".join(names), comments=""
-    )
+    columns = [(f"volts_{c}", "%.7f", volt) for c, volt in zip(CHANNELS, channels.T, strict=True)]
+    optional = ("temperature", "%.2f", temperature), ("field_new", "%d", field_new)
+    columns += [(n, form, np.asarray(v, float)) for n, form, v in optional if v is not None]
+    names, forms, values = zip(*columns, strict=True)
+    np.savetxt(path, np.column_stack(values), forms, ",", header=",".join(names), comments="")
     return path
 
 
@@ -142,7 +134,7 @@ class FirmwareBoard:
         for fault in faults:
             self._arguments += ["--fault", fault]
         self._process: subprocess.Popen[str] | None = None
-        self._summary = self._said = ""
+        self._summary = self._errors = ""
 
     def start(self) -> None:
         """Start the program and wait until its terminal is there.
@@ -162,7 +154,7 @@ class FirmwareBoard:
             text=True,
             start_new_session=True,  # Ctrl-C is for whoever started it
         )
-        end = time.monotonic() + _TO_START
+        end = time.monotonic() + _START_TIMEOUT
         while not self.link.exists():
             self.check()
             if time.monotonic() > end:
@@ -182,15 +174,15 @@ class FirmwareBoard:
             SteadytipError: it ended by a mistake or a signal; with what it says.
         """
         if self._process is not None and self._process.poll() not in (None, 0):
-            code, said = self._process.returncode, self._collected()
-            raise SteadytipError(f"the board ended with status {code}: {said or 'no word'}")
+            code, errors = self._process.returncode, self._collected()
+            raise SteadytipError(f"the board ended with status {code}: {errors or 'no word'}")
 
     def _collected(self) -> str:
         """Return what the ended process wrote to standard error, and keep its summary."""
         assert self._process is not None
         if self._process.stdout is None or not self._process.stdout.closed:
-            self._summary, self._said = self._process.communicate()
-        return self._said.strip()
+            self._summary, self._errors = self._process.communicate()
+        return self._errors.strip()
 
     def wait(self, timeout: float) -> None:
         """Wait until the program ends by itself, after the recording's end.
@@ -212,13 +204,7 @@ class FirmwareBoard:
         """End the program: asked first, killed if it does not listen. Safe to call again."""
         if self._process is None:
             return
-        if self._process.poll() is None:
-            self._process.terminate()
-            try:
-                self._process.wait(_TO_END)
-            except subprocess.TimeoutExpired:
-                self._process.kill()
-                self._process.wait()
+        end_process(self._process, _END_TIMEOUT)
         self._collected()
 
     @property

@@ -1,4 +1,4 @@
-"""Boards on a CAN bus as parts: what comes in is one part, what goes out its companion.
+"""Boards on a CAN bus as parts: what comes in is one part, what goes out its sibling.
 
     part `sensors`            outputs: values of all messages that come in, `age`, `valid`,
                               `sample`, `load`, and how often each fault of
@@ -12,22 +12,18 @@ of the wire's output.
 
 from __future__ import annotations
 
-import math
-from collections.abc import Callable, Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from harness.can.controller_node import ControllerNode
+from harness.can.cycle import CycleInput
 from harness.can.database import Database
-from harness.can.timing import Timing
+from harness.can.reception import FAULTS, Reception
 from harness.common.errors import FaultError
 from harness.common.types import FloatArray
-from harness.parts.can.address import address_of, port_of
+from harness.parts.can.address import ports_of
+from harness.parts.can.part import BusPart, BusSibling
 from harness.parts.ports import Port, unit_of
-from harness.parts.protocols import RunContext
 from harness.parts.settings import CanSettings
-
-if TYPE_CHECKING:
-    from harness.can.controller_node import ControllerNode
-    from harness.can.reception import ReceivedMessage, Reception
 
 __all__ = ["CommandPart", "FeedPart", "received_ports"]
 
@@ -36,77 +32,62 @@ OLDEST = 1e4
 
 
 def received_ports(database: Database, node: str) -> list[Port]:
-    """Signals of all messages that a node hears, those of the samples first."""
-    heard = sorted(database.heard_by(node), key=lambda m: m.role != "sample")
-    return [port_of(signal) for message in heard for signal in message.ports]
+    """Signals of all messages that a node receives, those of the samples first."""
+    received = sorted(database.received_by(node), key=lambda m: m.role != "sample")
+    return ports_of(received)
 
 
-class Inlet:
-    """Lays what was received into a part's outputs, in the order of `received_ports`."""
+class RxMapper:
+    """Writes what was received to a part's outputs, in the order of `received_ports`."""
 
     def __init__(self, reception: Reception, y: FloatArray) -> None:
         """Begin with the middle of each range: nothing has been received."""
-        heard = sorted(reception.heard.values(), key=lambda h: h.message.role != "sample")
-        self.width = sum(len(h.message.ports) for h in heard)
-        parts = [h for h in heard if h.part >= 0]
-        names = [s for h in parts for s in h.message.signals]
-        ports = {s.name for h in parts for s in h.message.ports}
-        self._pick = [i for i, s in enumerate(names) if s.name in ports]
-        self._whole = len(self._pick) == len(names)
-        self._count = len(self._pick)
+        others = [message.message for message in reception.other_messages]
+        samples = [m.message for m in reception.messages.values() if m.message.role == "sample"]
+        ports = [s for message in (*samples, *others) for s in message.ports]
+        self.width = len(ports)
+        y[: self.width] = [(s.low + s.high) // 2 * s.scale + s.offset for s in ports]
         self._y = y
-        self._seen: dict[int, int | None] = {}
-        self._others: list[tuple[ReceivedMessage, int, list[int]]] = []
-        at = self._count
-        for h in heard:
-            if h.part < 0:
-                pick = [i for i, s in enumerate(h.message.signals) if s in h.message.ports]
-                self._others.append((h, at, pick))
-                at += len(pick)
-        signals = [s for h in heard for s in h.message.ports]
-        y[: self.width] = [(s.low + s.high) // 2 * s.scale + s.offset for s in signals]
+        names = [s for message in samples for s in message.signals]
+        inner = {s.name for message in samples for s in message.ports}
+        self._picked = [i for i, s in enumerate(names) if s.name in inner]
+        self._takes_all = len(self._picked) == len(names)
+        self._written: list[tuple[float, ...]] = [()] * len(others)
+        self._others = []
+        begin = len(self._picked)
+        for message in others:
+            picked = [i for i, s in enumerate(message.signals) if s in message.ports]
+            self._others.append((slice(begin, begin + len(picked)), picked))
+            begin += len(picked)
 
-    def sample(self, values: tuple[float, ...]) -> None:
-        """Lay out the values of a sample."""
-        if not self._whole:
-            values = tuple(values[i] for i in self._pick)
-        self._y[: self._count] = values
-
-    def others(self) -> None:
-        """Lay out the last values of all other messages, where they are new."""
-        for h, at, pick in self._others:
-            if h.last != self._seen.get(at):
-                self._seen[at] = h.last
-                for offset, index in enumerate(pick):
-                    self._y[at + offset] = h.values[index]
-
-
-def _node_on_bus(feed: FeedPart, step: float) -> ControllerNode:
-    from harness.can.controller_node import ControllerNode
-
-    return ControllerNode(feed.database, feed.keys.node, address_of(feed.keys), feed.policy, step)
+    def write(self, taken: CycleInput) -> None:
+        """Write the values of the sample, and those of other messages where they are new."""
+        if taken.sample is not None:
+            values = taken.sample.values
+            if not self._takes_all:
+                values = tuple([values[i] for i in self._picked])
+            self._y[: len(self._picked)] = values
+        for place, values in enumerate(taken.messages):
+            if values is not self._written[place]:
+                self._written[place] = values
+                span, picked = self._others[place]
+                self._y[span] = [values[i] for i in picked]
 
 
-class FeedPart:
+class FeedPart(BusPart[ControllerNode]):
     """What a board sends, as the outputs of a part.
 
     Attributes:
-        node: at this end of the bus; there from `start` on.
-        policy: for late ticks; set before `start`.
-        make_node: of this part and the period [s]; on the bus, unless set before `start`.
         companion: the part that sends.
     """
 
-    def __init__(self, name: str, keys: CanSettings, database: Database) -> None:
-        from harness.can.reception import FAULTS
+    kind = "can"
 
-        self.name = name
-        self.keys = keys
-        self.database = database
-        self.policy = Timing()
-        self.seconds = math.inf
-        self.inputs: Sequence[Port] = ()
-        self.outputs: Sequence[Port] = (
+    def __init__(
+        self, name: str, keys: CanSettings, database: Database, node: ControllerNode | None = None
+    ) -> None:
+        super().__init__(name, keys, database, node)
+        self.outputs = (
             *received_ports(database, keys.node),
             Port("age", "Real", unit_of("s"), "age of the sample that the values are of"),
             Port("valid", "Boolean", description="whether the sample may be used"),
@@ -115,80 +96,50 @@ class FeedPart:
             Port("load", "Real", description="share of the bus that frames take"),
             *(Port(fault, "Integer", description=f"{fault} so far") for fault in FAULTS),
         )
-        self.companion = CommandPart(f"{name}.command", self)
-        self.node: ControllerNode | None = None
-        self.make_node: Callable[[FeedPart, float], ControllerNode] = _node_on_bus
+        self.companion = CommandPart(self)
+        self.siblings = {self.companion.name: self.companion} if self.companion.inputs else {}
 
-    @property
-    def siblings(self) -> Mapping[str, CommandPart]:
-        """Parts that stand beside this one in the loop."""
-        return {self.companion.name: self.companion} if self.companion.inputs else {}
-
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """Go on the bus; see `Part.start`."""
-        node = self.node = self.make_node(self, run.step)
-        self._inlet = Inlet(node.reception, y)
-        self._more = y[self._inlet.width :]
-        self._more[:] = 0.0
-        self._more[0] = OLDEST
-        node.open()
+    def _prepare(self) -> None:
+        super()._prepare()
+        self._mapper = RxMapper(self.node.reception, self._y)
+        self._status = self._y[self._mapper.width :]
+        self._status[0] = OLDEST
 
     def advance(self, t: float, h: float) -> None:
-        """Put out what the tick's turn has found; see `Part.advance`."""
-        node = self.node
-        assert node is not None
-        if node.held is not None:
-            self._inlet.sample(node.held.values)
-        self._inlet.others()
-        reception = node.reception
-        held = node.held.number if node.held is not None else -1
-        self._more[:] = (
-            min(node.age, OLDEST),
-            not node.fault,
-            held,
-            node.number,
-            reception.load,
-            *reception.counts.values(),
+        """Put out what the tick has taken from the bus; see `Part.advance`."""
+        taken = self.node.input
+        assert taken is not None, "a tick begins before its parts advance"
+        self._mapper.write(taken)
+        sample = taken.sample
+        self._status[:] = (
+            min(taken.age, OLDEST),
+            not taken.fault,
+            sample.number if sample is not None else -1,
+            taken.number,
+            taken.load,
+            *taken.counts,
         )
-
-    def close(self) -> None:
-        """Bring the command to rest and leave the bus."""
-        if self.node is not None:
-            self.node.close()
 
     def metadata(self) -> dict[str, Any]:
         """Bus, messages."""
         return {
-            "kind": "can",
-            "file": self.database.path.name,
-            "node": self.keys.node,
+            **super().metadata(),
             "interface": self.keys.interface,
             "channel": self.keys.channel,
             "replaces": list(self.keys.replaces),
         }
 
 
-class CommandPart:
+class CommandPart(BusSibling[ControllerNode]):
     """What a node commands, as the inputs of a part."""
 
-    def __init__(self, name: str, feed: FeedPart) -> None:
-        self.name = name
-        self._feed = feed
-        self.seconds = math.inf
-        sent = feed.database.sent_by(feed.keys.node)
-        ports = [port_of(s) for m in sent if m.role == "command" for s in m.ports]
-        self.inputs: Sequence[Port] = ports
-        self.outputs: Sequence[Port] = (
+    def __init__(self, feed: FeedPart) -> None:
+        super().__init__(feed, "command")
+        self.inputs = ports_of(self.database.sent_by(self.keys.node), "command")
+        self.outputs = (
             *(
                 Port(_sent(port.name), port.type, port.unit, f"{port.description}, as sent")
-                for port in ports
+                for port in self.inputs
             ),
             Port("mode", "Integer", description="of the command: 0 off, 1 hold, 2 run"),
             Port(
@@ -199,19 +150,9 @@ class CommandPart:
             ),
         )
 
-    def start(
-        self,
-        run: RunContext,
-        connected: Sequence[str],
-        initialised: Sequence[bool],
-        u: FloatArray,
-        y: FloatArray,
-    ) -> None:
-        """See `Part.start`."""
+    def _prepare(self) -> None:
+        connected = self._connected
         names = [port.name for port in self.inputs]
-        self._u = u
-        self._y = y
-        self._y[:] = 0.0
         self._order = [connected.index(name) for name in names if name in connected]
         missing = [name for name in names if name not in connected]
         if connected and missing:
@@ -221,22 +162,14 @@ class CommandPart:
 
     def advance(self, t: float, h: float) -> None:
         """Send the command; see `Part.advance`."""
-        node = self._feed.node
-        assert node is not None
         if not self._order:
-            node.beat()
+            self.node.send_heartbeat_if_due()
             return
         u = self._u.tolist()
-        node.transmit([u[i] for i in self._order])
-        assert node.drive is not None
-        self._y[:] = (*node.drive.volts, node.mode, node.latency)
-
-    def close(self) -> None:
-        """Do nothing: the other part leaves the bus for both."""
-
-    def metadata(self) -> dict[str, Any]:
-        """Name the part that it belongs to."""
-        return {"kind": "can", "file": self._feed.database.path.name, "of": self._feed.name}
+        sent = self.node.transmit([u[i] for i in self._order])
+        assert sent is not None
+        command, latency = sent
+        self._y[:] = (*command.volts, command.mode, latency)
 
 
 def _sent(name: str) -> str:

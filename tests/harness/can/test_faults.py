@@ -2,10 +2,12 @@
 
 import math
 
+import can
 import numpy as np
 import pytest
 
 from harness.can.codec import Codec
+from harness.can.cycle import Tick
 from harness.can.database import HOLD, RUN
 from harness.can.fault_injection import BABBLE, InjectedFault, parse
 from harness.scenario.schema import Hil
@@ -38,7 +40,7 @@ def test_without_faults_every_sample_is_taken_and_every_command_acts_at_the_next
     rig.run(500)
     assert not any(rig.loop.reception.counts.values())
     assert rig.modes[1:] == [RUN] * 499
-    assert rig.loop.held.number == 499
+    assert rig.input.sample.number == 499
     assert np.allclose(rig.applied[301:], rig.volts[300:-1], atol=0)
     assert np.allclose(rig.volts[300:], rig.wanted[300:], atol=0.001)
 
@@ -48,7 +50,7 @@ def test_some_lost(dbc, missing) -> None:
     """The last value is held, its age goes on."""
     rig = rig_with(f"drop@0.2-{0.2 + missing * STEP - 1e-6}", dbc=dbc)
     ages = []
-    rig.each = lambda rig: ages.append((rig.loop.number - rig.loop.held.number, rig.loop.age))
+    rig.each = lambda rig: ages.append((rig.input.number - rig.input.sample.number, rig.input.age))
     rig.run(FAULTY)
     counts = rig.loop.reception.counts
     parts = 1 if dbc.endswith("fd") else 3
@@ -78,7 +80,7 @@ def test_repeated(dbc) -> None:
     assert not counts["sequence"]
     assert not counts["incomplete"]
     assert set(rig.modes[1:]) == {RUN}
-    assert rig.loop.held.number == FAULTY - 1
+    assert rig.input.sample.number == FAULTY - 1
 
 
 def test_stuck_counter(dbc) -> None:
@@ -97,7 +99,7 @@ def test_wrong_crc(dbc) -> None:
     rig.run(FAULTY)
     counts = rig.loop.reception.counts
     assert counts["crc"] >= 2 * (1 if dbc.endswith("fd") else 3)
-    assert rig.loop.held.number == FAULTY - 1
+    assert rig.input.sample.number == FAULTY - 1
     assert set(rig.modes[1:]) == {RUN}
 
 
@@ -120,7 +122,7 @@ def test_nothing_within_the_timeout(dbc) -> None:
     """Estimator told, command on hold and on its way to rest, and back without a jump."""
     rig = rig_with("silence@0.2-0.25", dbc=dbc)
     told = []
-    rig.each = lambda rig: told.append(rig.loop.valid)
+    rig.each = lambda rig: told.append(not rig.input.fault)
     rig.run(900)
     assert reaction(rig, 200) <= 5 + 2
     assert rig.loop.reception.counts["timeouts"] >= 1
@@ -145,24 +147,24 @@ def test_a_part_of_a_sample_that_stays_away_makes_all_of_it_old() -> None:
     """The magnetometer's frame alone: its timeout is 20 ms, but a sample is a whole."""
     rig = Rig()
     rig.run(BEGUN)
-    hear = rig.loop.hear
-    rig.loop.hear = lambda m: hear(m) if m.arbitration_id != 0x112 else None
+    hear = rig.receive
+    rig.receive = lambda m: hear(m) if m.arbitration_id != 0x112 else None
     rig.run(50)
     counts = rig.loop.reception.counts
     assert reaction(rig, BEGUN) <= 5 + 2
     assert counts["incomplete"] >= 30
     assert counts["timeouts"] == 1
-    rig.loop.hear = hear
+    rig.receive = hear
     rig.run(60)
     assert rig.modes[-1] == RUN
-    assert rig.loop.held.number == rig.tick - 1
+    assert rig.input.sample.number == rig.tick - 1
 
 
 def test_a_short_silence_is_over_at_once(dbc) -> None:
     rig = rig_with("silence@0.21-0.219", dbc=dbc)
     rig.run(300)
     assert rig.modes[221:] == [RUN] * len(rig.modes[221:])
-    assert rig.loop.held.number == 299
+    assert rig.input.sample.number == 299
 
 
 def test_late_samples_are_not_taken_for_later_ones() -> None:
@@ -170,10 +172,10 @@ def test_late_samples_are_not_taken_for_later_ones() -> None:
     rig = Rig()
     rig.run(205)
     held_up: list = []
-    hear = rig.loop.hear
-    rig.loop.hear = held_up.append
+    hear = rig.receive
+    rig.receive = held_up.append
     rig.run(30)
-    rig.loop.hear = hear
+    rig.receive = hear
     for message in held_up:
         message.timestamp = rig.time
         hear(message)
@@ -182,7 +184,7 @@ def test_late_samples_are_not_taken_for_later_ones() -> None:
     for k, mode in enumerate(rig.modes[212:235], start=212):
         assert mode == HOLD, k
     rig.run(40)
-    assert rig.loop.held.number == rig.tick - 1
+    assert rig.input.sample.number == rig.tick - 1
     assert rig.modes[-1] == RUN
 
 
@@ -191,7 +193,7 @@ def test_not_available(dbc, times) -> None:
     """Held and counted; the third in a row is a fault."""
     rig = Rig(dbc)
     seen = []
-    rig.each = lambda rig: seen.append(dict(zip(rig.names, rig.loop.held.values, strict=True)))
+    rig.each = lambda rig: seen.append(dict(zip(rig.names, rig.input.sample.values, strict=True)))
     rig.run(BEGUN)
     values = rig.board.transmit
     rig.board.transmit = lambda given: values({**given, "volts_a2y": math.nan})
@@ -212,15 +214,15 @@ def test_incomplete() -> None:
     """A sample whose second frame is missing is dropped; its other frames meet no other."""
     rig = Rig()
     rig.run(BEGUN)
-    hear = rig.loop.hear
-    rig.loop.hear = lambda m: hear(m) if m.arbitration_id != 0x111 else None
+    hear = rig.receive
+    rig.receive = lambda m: hear(m) if m.arbitration_id != 0x111 else None
     rig.run(1)
-    rig.loop.hear = hear
-    assert rig.loop.held.number == BEGUN - 1
+    rig.receive = hear
+    assert rig.input.sample.number == BEGUN - 1
     rig.run(1)
     assert rig.loop.reception.counts["incomplete"] == 1
     expected = [truth(BEGUN + 1, i) for i, n in enumerate(rig.names) if n != "field_new"]
-    got = [v for v, n in zip(rig.loop.held.values, rig.names, strict=True) if n != "field_new"]
+    got = [v for v, n in zip(rig.input.sample.values, rig.names, strict=True) if n != "field_new"]
     assert got == pytest.approx(expected, abs=4e-5)
 
 
@@ -233,14 +235,10 @@ def test_wrong_length(dbc) -> None:
 
 @pytest.mark.parametrize("kind", ["is_remote_frame", "is_error_frame"])
 def test_remote_and_error_frames_with_an_id_of_ours(kind) -> None:
-    import can
-
     rig = Rig()
     rig.run(BEGUN)
     odd = {kind: True, **({"dlc": 8} if kind == "is_remote_frame" else {"data": bytes(8)})}
-    rig.loop.hear(
-        can.Message(timestamp=rig.time, arbitration_id=0x110, is_extended_id=False, **odd)
-    )
+    rig.receive(can.Message(timestamp=rig.time, arbitration_id=0x110, is_extended_id=False, **odd))
     assert rig.loop.reception.counts["length"] == 1
     rig.run(20)
     assert set(rig.modes[1:]) == {RUN}
@@ -281,19 +279,19 @@ def test_unplugged_and_back(dbc) -> None:
     assert rig.loop.reception.counts["unplugged"] == 1
     assert reaction(rig, 200) == 0
     assert rig.modes[1203:] == [RUN] * len(rig.modes[1203:])
-    assert rig.loop.held.number == rig.tick - 1
+    assert rig.input.sample.number == rig.tick - 1
 
 
 def test_heartbeat_lost() -> None:
     rig = Rig()
     rig.run(BEGUN)
-    hear = rig.loop.hear
-    rig.loop.hear = lambda m: hear(m) if m.arbitration_id != 0x701 else None
+    hear = rig.receive
+    rig.receive = lambda m: hear(m) if m.arbitration_id != 0x701 else None
     rig.run(400)
     assert rig.loop.reception.counts["heartbeat"] == 1
     # The last one was that of tick 100.
     assert reaction(rig, 100) <= 300 + 2
-    rig.loop.hear = hear
+    rig.receive = hear
     rig.run(101)
     assert rig.modes[-1] == RUN
 
@@ -313,7 +311,7 @@ def test_a_board_that_begins_anew_is_followed(dbc) -> None:
     rig.run(2000)
     rig.tick = 0
     rig.run(BEGUN)
-    assert rig.loop.held.number == BEGUN - 1
+    assert rig.input.sample.number == BEGUN - 1
     assert rig.modes[-1] == RUN
 
 
@@ -321,14 +319,14 @@ def test_a_board_that_begins_anew_is_followed(dbc) -> None:
 def test_samples_that_came_at_once_are_taken_one_by_one_or_skipped(overrun) -> None:
     rig = Rig(policy=Hil(overrun=overrun))
     rig.run(BEGUN)
-    turn, held, steps = rig.loop.turn, [], []
-    rig.loop.turn = lambda *_: None
+    begin, held, steps = rig.begin, [], []
+    rig.begin = lambda _: None
     rig.run(4)  # the loop sleeps
-    rig.loop.turn = turn
+    rig.begin = begin
     while not held or held[-1] < BEGUN + 3:
-        done = rig.loop.turn(rig.tick, rig.time, rig.loop._state, False)
-        held.append(rig.loop.held.number)
-        steps.append(done.steps)
+        rig.begin(Tick(rig.tick, rig.time))
+        held.append(rig.input.sample.number)
+        steps.append(rig.input.steps)
     assert held == ([200, 201, 202, 203] if overrun == "catch-up" else [203])
     assert sum(steps) == 4
 
@@ -338,12 +336,12 @@ def test_a_command_out_of_range_is_held_and_then_a_fault() -> None:
     rig.run(600)
     last = rig.volts[-1]
     for tick in range(4):
-        rig.loop.command([50.0, 101.0, 50.0])
+        command = rig.loop.command([50.0, 101.0, 50.0])
         if tick < 2:
-            assert rig.loop.mode == RUN
-            assert rig.loop.drive.volts == pytest.approx(last, abs=2e-3)
+            assert command.mode == RUN
+            assert command.volts == pytest.approx(last, abs=2e-3)
         else:
-            assert rig.loop.mode == HOLD
+            assert command.mode == HOLD
     assert rig.loop.reception.counts["range"] == 4
 
 
@@ -373,3 +371,24 @@ def test_the_same_faults_and_seed_give_the_same_run() -> None:
 
     assert one(3) == one(3)
     assert one(3) != one(4)
+
+
+class Batched(Rig):
+    """A loop that decodes no frame before its tick begins."""
+
+    arrived: tuple[can.Message, ...] = ()
+
+    def receive(self, frame: can.Message) -> None:
+        self.arrived = (*self.arrived, frame)
+
+    def begin(self, tick: Tick) -> None:
+        self.input, self.arrived = self.loop.cycle(self.arrived, tick), ()
+
+
+def test_a_tick_is_the_same_whether_frames_are_decoded_on_arrival_or_all_at_once() -> None:
+    faults = [InjectedFault("drop", 0.1), InjectedFault("reorder", 0.05)]
+    seen: tuple[list, list] = ([], [])
+    for kind, inputs in zip((Rig, Batched), seen, strict=True):
+        kind(faults=faults, seed=3, each=lambda rig, to=inputs: to.append(rig.input)).run(300)
+    assert seen[0] == seen[1]
+    assert any(taken.fault for taken in seen[0])

@@ -129,7 +129,7 @@ class Host:
         self.answers: list[str] = []
         self.stamps: list[int] = []
         self._stamped = stamped
-        self._rest = ""
+        self._incomplete = ""
         self.is_beating = True
         self._beat = 0.0
         if speak:
@@ -155,7 +155,7 @@ class Host:
             return 0
         if not text:
             raise ConnectionError("the terminal has no other end any more")
-        *lines, self._rest = (self._rest + text.replace("\a", "\a\r")).split("\r")
+        *lines, self._incomplete = (self._incomplete + text.replace("\a", "\a\r")).split("\r")
         before, now = len(self.frames), time.monotonic()
         for line in lines:
             found = re.fullmatch(r"([tb])([0-9A-F]{3})([0-9A-F])((?:[0-9A-F]{2})*)", line)
@@ -1040,11 +1040,11 @@ def looped(
         address = Address("slcanbulk", str(board.link))
         node = ControllerNode(load(dbc), "Loop", address, Hil(), 1e-3)
         node.open()
-        node.meet()
+        node.wait_for_board()
         for k in range(ticks):
-            node.wait(k)
-            if node.held is not None:
-                taken[node.held.number] = node.held.values
+            sample = node.wait(k).sample
+            if sample is not None:
+                taken[sample.number] = sample.values
             node.transmit([0.1, 0.15, 0.2])
         node.close()
     return node, taken, board

@@ -27,7 +27,7 @@ ENTRIES = [
 def test_frames_and_ticks_come_back_to_the_microsecond(name, tmp_path) -> None:
     log = FrameLog(tmp_path / name)
     log.frame(message(BEGIN))
-    log.turn(BEGIN + 5, b"\x01\x00\x00\x00\x01\x00\x02\x01")
+    log.tick(BEGIN + 5, b"\x01\x00\x00\x00\x01\x00\x02\x01")
     for entry in ENTRIES[1:]:
         log.frame(
             message(

@@ -39,8 +39,7 @@ def check(seed: int) -> None:
     fresh_at = [0]
 
     def each(rig: Rig) -> None:
-        node = rig.loop
-        held = node.held
+        held = rig.input.sample
         if held is None:
             return
         if not altered:
@@ -51,9 +50,9 @@ def check(seed: int) -> None:
         assert age >= 0
         if rig.modes[-1] == RUN:
             # Whatever is acted upon is younger than the timeout, by the board's own count.
-            assert node.valid
+            assert not rig.input.fault
             assert age * STEP <= 5e-3 + 1e-9
-        if node.valid:
+        if not rig.input.fault:
             fresh_at[0] = rig.tick
         assert rig.tick - fresh_at[0] <= 8 or rig.modes[-1] == HOLD
 
@@ -61,7 +60,7 @@ def check(seed: int) -> None:
     rig.run(TICKS)
     # Unplugged boards come back, too: no restart, no help from outside.
     assert rig.modes[-1] == RUN
-    assert rig.loop.held.number == TICKS - 1
+    assert rig.input.sample.number == TICKS - 1
     volts, wanted, modes = np.array(rig.volts), np.array(rig.wanted), np.array(rig.modes)
     assert volts.min() >= 0
     assert volts.max() <= 100

@@ -265,7 +265,7 @@ def test_a_line_without_end_takes_no_memory_and_is_dropped(fed) -> None:
     bus = fed()
     for _ in range(100):
         assert bus.take(b"t110" + 5000 * b"A") == []
-        assert len(bus._rest) < 200
+        assert len(bus._incomplete) < 200
     assert bus.malformed == 0
     assert [number(message) for message in bus.take(b"\r", bus._line(sample(5)))] == [5]
     assert bus.malformed == 1

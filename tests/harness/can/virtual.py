@@ -9,7 +9,7 @@ from collections.abc import Callable, Sequence
 import can
 
 from harness.can.channel import Address, ChannelState
-from harness.can.controller_node import ControllerNode
+from harness.can.cycle import ControllerCycle, CycleInput, Tick
 from harness.can.database import Database, load
 from harness.can.device_node import DeviceNode
 from harness.can.fault_injection import InjectedFault
@@ -22,7 +22,7 @@ NOWHERE = Address("virtual", None)
 
 
 class Wire:
-    """What the board sees of the medium."""
+    """What the board sees of the channel."""
 
     def __init__(self) -> None:
         self.state = ChannelState.OPEN
@@ -69,10 +69,11 @@ class Rig:
     ) -> None:
         self.database: Database = load(dbc)
         self.board = DeviceNode(self.database, "Board", NOWHERE, STEP, faults=faults, seed=seed)
-        self.loop = ControllerNode(self.database, "Loop", NOWHERE, policy or Hil(), STEP)
+        self.loop = ControllerCycle(self.database, "Loop", policy or Hil(), STEP)
+        self.input: CycleInput | None = None
         self.wire = Wire()
-        self.board._medium = self.wire  # type: ignore[assignment]
-        self.board._begun = 1
+        self.board._channel = self.wire  # type: ignore[assignment]
+        self.board._start = 1
         self.each = each
         self.tick = 0
         self.time = 1_000_000
@@ -82,12 +83,20 @@ class Rig:
         self.wanted: list[list[float]] = []
         self.names = self.loop.reception.signals
         self._command = next(m for m in self.database.sent_by("Loop") if m.role == "command")
-        self._decode = self.board.reception.heard[self._command.id].decode
+        self._decode = self.board.reception.messages[self._command.id].decode
         self._beat = next(m for m in self.database.sent_by("Loop") if m.role == "heartbeat")
         self.inject: list[tuple[int, bytes, bool, bool]] = []
         """Further frames of the next sample."""
         self.deaf = False
         """The loop's commands do not arrive."""
+
+    def receive(self, frame: can.Message) -> None:
+        """A frame arrives at the loop."""
+        self.loop.reception.receive(frame)
+
+    def begin(self, tick: Tick) -> None:
+        """A tick of the loop begins."""
+        self.input = self.loop.cycle((), tick)
 
     def run(self, ticks: int) -> None:
         for _ in range(ticks):
@@ -100,9 +109,8 @@ class Rig:
         if self._is_active("bus-off"):
             state = ChannelState.BUS_OFF
         elif self._is_active("unplug"):
-            state = ChannelState.GONE
-        board.index = self.tick
-        board._apply(self.time)
+            state = ChannelState.UNPLUGGED
+        board.begin_cycle(self.tick, self.time)
         values = {n: truth(self.tick, i) for i, n in enumerate(self.names)}
         values.pop("field_new", None)
         wire.frames = []
@@ -110,7 +118,7 @@ class Rig:
         arrivals, self.inject = [*wire.frames, *self.inject], []
         for index, (id, data, is_fd, extended) in enumerate(arrivals):
             if state is ChannelState.OPEN:
-                self.loop.hear(
+                self.receive(
                     can.Message(
                         timestamp=self.time + TRANSIT * (index + 1) // (len(arrivals) + 1),
                         arbitration_id=id,
@@ -119,10 +127,11 @@ class Rig:
                         is_extended_id=extended,
                     )
                 )
-        self.loop.turn(self.tick, self.time + TRANSIT, state, False)
+        self.begin(Tick(self.tick, self.time + TRANSIT, state))
         u = asked(self.tick)
-        data = self.loop.command(u)
-        assert data is not None
+        command = self.loop.command(u)
+        assert command is not None
+        data = command.data
         if state is ChannelState.OPEN and not self.deaf:
             board.reception.take(
                 self.time + TRANSIT + 50, self._command.id, data, False, self._command.is_fd
@@ -134,13 +143,11 @@ class Rig:
         given = dict(zip((s.name for s in self._command.signals), sent, strict=True))
         self.modes.append(int(given["mode"]))
         self.volts.append([given[f"volts_{i}"] for i in (1, 2, 3)])
-        self.applied.append(list(board.drive.volts))
+        self.applied.append(list(board.ramp.volts))
         self.wanted.append(u)
         self.each(self)
         self.tick += 1
         self.time += MS
 
     def _is_active(self, kind: str) -> bool:
-        mischief = self.board._mischief
-        faults = mischief._faults if mischief is not None else ()
-        return any(f.kind == kind and f.covers(self.tick * STEP) for f in faults)
+        return any(f.kind == kind and f.covers(self.tick * STEP) for f in self.board.faults)

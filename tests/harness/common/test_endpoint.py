@@ -20,6 +20,10 @@ def test_the_longest_name_of_a_part_that_fits_is_taken(text, part, port):
     assert str(endpoint) == text
 
 
+def test_a_scenario_s_own_parts_end_at_the_first_dot():
+    assert Endpoint.parse("sensors.command.volts_1") == ("sensors", "command.volts_1")
+
+
 @pytest.mark.parametrize("text", ["handle.tip", "hand", "tip", ""])
 def test_a_text_without_a_part_is_no_endpoint(text):
     assert Endpoint.find(text, PARTS) is None

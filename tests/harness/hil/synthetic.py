@@ -36,18 +36,18 @@ def record(
     rows: list[list[float]] = []
 
     def row(rig: Rig) -> None:
-        node, reception = rig.loop, rig.loop.reception
-        held = node.held.number if node.held is not None else -1
-        latency = 1e-4 * chance.lognormal(1.0, 0.4) if node._fresh else 0.0
+        taken, reception = rig.input, rig.loop.reception
+        held = taken.sample.number if taken.sample is not None else -1
+        latency = 1e-4 * chance.lognormal(1.0, 0.4) if taken.is_fresh else 0.0
         rows.append(
             [
-                min(node.age, 1e3),
-                float(node.valid),
+                min(taken.age, 1e3),
+                float(not taken.fault),
                 held,
-                node.number or 0,
+                taken.number,
                 reception.load,
                 *reception.counts.values(),
-                node.mode,
+                rig.modes[-1],
                 latency,
             ]
         )

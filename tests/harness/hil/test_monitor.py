@@ -37,8 +37,8 @@ from harness.bench.monitor_load import (
 from harness.hil.monitor import _parser, _serve, start_monitor
 from harness.hil.monitor_view import (
     MonitorState,
-    Pulse,
     Rows,
+    Watchdog,
     fresh,
     histogram,
     joined,
@@ -219,26 +219,26 @@ def test_before_the_first_sample() -> None:
 
 
 def test_a_pulse(tmp_path) -> None:
-    pulse, writer = Pulse(), rings(tmp_path)[0]
+    watchdog, writer = Watchdog(), rings(tmp_path)[0]
     row = loop_rows(1)[0]
-    assert pulse.look(None, 0.0) == (MonitorState.WAITING, 0.0)
+    assert watchdog.look(None, 0.0) == (MonitorState.WAITING, 0.0)
     ring = Ring.open(writer.path)
-    assert pulse.look(ring, 1.0)[0] is MonitorState.WAITING
-    assert pulse.look(ring, 9.0)[0] is MonitorState.WAITING  # a loop that waits for its board
+    assert watchdog.look(ring, 1.0)[0] is MonitorState.WAITING
+    assert watchdog.look(ring, 9.0)[0] is MonitorState.WAITING  # a loop that waits for its board
     writer.append(row)
-    assert pulse.look(ring, 9.25)[0] is MonitorState.RUNNING
-    assert pulse.look(ring, 10.25)[0] is MonitorState.RUNNING
-    assert pulse.look(ring, 10.5) == (MonitorState.SILENT, 1.25)
+    assert watchdog.look(ring, 9.25)[0] is MonitorState.RUNNING
+    assert watchdog.look(ring, 10.25)[0] is MonitorState.RUNNING
+    assert watchdog.look(ring, 10.5) == (MonitorState.SILENT, 1.25)
     writer.append(row)
-    assert pulse.look(ring, 10.75)[0] is MonitorState.RUNNING
+    assert watchdog.look(ring, 10.75)[0] is MonitorState.RUNNING
     writer.close()
-    assert pulse.look(ring, 11.0)[0] is MonitorState.STOPPED
+    assert watchdog.look(ring, 11.0)[0] is MonitorState.STOPPED
 
 
 def test_a_ring_whose_writer_died_before_is_never_taken_for_running(tmp_path) -> None:
-    pulse, writer = Pulse(), rings(tmp_path)[0]
+    watchdog, writer = Watchdog(), rings(tmp_path)[0]
     writer.append(loop_rows(1)[0])
-    states = [pulse.look(writer, now)[0] for now in (5.0, 5.5, 6.0, 6.5)]
+    states = [watchdog.look(writer, now)[0] for now in (5.0, 5.5, 6.0, 6.5)]
     assert states == [
         MonitorState.WAITING,
         MonitorState.WAITING,
@@ -580,9 +580,9 @@ def test_the_page_in_a_browser(tmp_path) -> None:
             )
             loop.close()
             browser.until(text("banner"), lambda t: re.fullmatch(r"Stopped at \d+\.\d s", t))
-            assert browser.value(text("gone")) == ""
+            assert browser.value(text("no-answer")) == ""
             assert not browser.errors()
-        browser.until(text("gone"), lambda t: t.startswith("The monitor no longer answers"))
+        browser.until(text("no-answer"), lambda t: t.startswith("The monitor no longer answers"))
     finally:
         browser.close()
     hosts = {urllib.parse.urlsplit(url).netloc for url in browser.asked() if "://" in url}

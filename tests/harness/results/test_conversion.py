@@ -71,7 +71,7 @@ def a_log(path: Path, database) -> list[can.Message]:
     for index, frame in enumerate(frames):
         log.frame(can.Message(**{k: getattr(frame, k) for k in KEPT}))
         if index % 4 == 3 and index < 800:
-            log.turn(BEGUN + 1000 * (index // 4) + 250, bytes(8))
+            log.tick(BEGUN + 1000 * (index // 4) + 250, bytes(8))
     log.close()
     return frames
 
