@@ -24,6 +24,7 @@ from tests.harness.can.firmware.board import (
     command,
     while_sampling,
 )
+from tests.waiting import wait_until
 
 
 @pytest.mark.parametrize("dbc", DBCS)
@@ -88,7 +89,7 @@ def test_all_faults_at_once_under_the_sanitisers_of_another_compiler(
             try:
                 host = Host(board.link)
             except OSError:
-                time.sleep(5e-3)
+                wait_until(board.link.exists, what="the link's return")
                 continue
             try:
                 host.pump(end - time.monotonic())

@@ -43,7 +43,7 @@ def named(node: ControllerNode, values: Sequence[float]) -> list[float]:
 @pytest.mark.parametrize("dbc", DBCS)
 def test_loop_and_board_understand_each_other(recording, volts, dbc) -> None:
     node, taken, board = looped(recording, dbc, 400)
-    assert len(taken) > 300
+    assert len(taken) > 100  # a loop that is held up takes the newest sample only
     for number, values in taken.items():
         np.testing.assert_allclose(named(node, values), volts[number % SAMPLES], atol=1e-9)
     ours, theirs = node.reception.counts, board.log

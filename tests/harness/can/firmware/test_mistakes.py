@@ -4,7 +4,6 @@ import json
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +13,7 @@ from fmu_src.errors import SteadytipError
 from harness.can.firmware.build import build_board
 from harness.can.firmware.process import CHANNELS, FirmwareBoard, write_samples
 from tests.harness.can.firmware.board import Host
+from tests.waiting import wait_until
 
 
 @pytest.mark.parametrize(
@@ -124,12 +124,14 @@ def test_a_board_whose_parent_dies_ends(recording, tmp_path) -> None:
     command = [sys.executable, "-c", script, recording, link]
     done = subprocess.run(command, capture_output=True, text=True)
     child = int(done.stdout)
-    end = time.monotonic() + 2.0
-    while Path(f"/proc/{child}/stat").exists() and time.monotonic() < end:
-        if Path(f"/proc/{child}/stat").read_text().split()[2] == "Z":
-            break
-        time.sleep(0.01)
-    assert time.monotonic() < end
+
+    def has_ended() -> bool:
+        try:
+            return Path(f"/proc/{child}/stat").read_text().split()[2] == "Z"
+        except OSError:
+            return True
+
+    wait_until(has_ended, what="the board's end")
     assert not link.is_symlink()
 
 
