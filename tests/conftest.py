@@ -52,10 +52,18 @@ _FIRST = ("wall-clock", "platforms")
 
 @pytest.hookimpl(trylast=True)
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
-    """What takes longest begins first, or the other workers would wait for it in the end."""
-    items.sort(
-        key=lambda item: not any(m.args[0] in _FIRST for m in item.iter_markers("xdist_group"))
-    )
+    """What takes longest begins first, or the other workers would wait for it in the end.
+
+    Quick tests are the last: they fill what the long ones leave.
+    """
+
+    def rank(item: pytest.Item) -> int:
+        groups = {mark.args[0] for mark in item.iter_markers("xdist_group")}
+        if groups & set(_FIRST):
+            return 0
+        return 1 if item.get_closest_marker("slow") else 2
+
+    items.sort(key=rank)
 
 
 @pytest.fixture

@@ -3,6 +3,7 @@
 import contextlib
 import os
 import re
+import select
 import socket
 import sys
 import threading
@@ -18,6 +19,7 @@ from hypothesis import strategies as st
 
 from harness.can.slcanbulk import BITRATES, LineStatus, Pty, SlcanBulkBus
 from tests.harness.can.frames import frames, number, pump, same, sample
+from tests.waiting import wait_until
 
 pytestmark = pytest.mark.skipif(sys.platform == "win32", reason="needs ptys")
 
@@ -43,6 +45,7 @@ class Feed:
         self.pieces: list[bytes] = []
         self.written = b""
         self.first = 0.0
+        self.waited = 0.0
 
     def read(self) -> bytes:
         return self.pieces.pop(0) if self.pieces else b""
@@ -53,6 +56,7 @@ class Feed:
         return len(data)
 
     def wait(self, seconds: float, to_write: bool) -> None:
+        self.waited += seconds
         time.sleep(seconds)
 
     def close(self) -> None:
@@ -276,11 +280,12 @@ def test_a_flood_that_no_filter_passes_ends_with_the_timeout(fed, timeout) -> No
     """A node babbles faster than anybody can read."""
     bus = fed(can_filters=[{"can_id": 0x111, "can_mask": 0x7FF}])
     bus._port.read = lambda: 10 * bus._line(sample(1))
-    stop = threading.Timer(1.0, setattr, (bus._port, "read", lambda: b""))
+    stop = threading.Timer(5.0, setattr, (bus._port, "read", lambda: b""))
     stop.start()
     begun = time.monotonic()
     assert bus.recv(timeout) is None
-    assert timeout <= time.monotonic() - begun < 0.5
+    assert time.monotonic() - begun >= timeout
+    assert not stop.finished.is_set(), "it ended with the flood, not before it"
     stop.cancel()
 
 
@@ -334,15 +339,15 @@ def test_opening_and_closing_commands(options, commands) -> None:
 
 def test_a_device_that_needs_time_holds_up_nobody(fed) -> None:
     begun = time.monotonic()
-    bus = fed(sleep_after_open=0.3)
+    bus = fed(sleep_after_open=1.0)
     bus.send(sample(1))
     bus.send(sample(2))
     assert bus.recv(0) is None
-    assert time.monotonic() - begun < 0.3
+    assert bus._port.waited == 0.0
     assert bus._port.written == b""
-    assert bus.recv(0.4) is None
+    assert bus.recv(1.1) is None
     assert bus._port.written == b"C\rO\r" + bus._line(sample(1)) + bus._line(sample(2))
-    assert bus._port.first - begun >= 0.3
+    assert bus._port.first - begun >= 1.0
 
 
 def test_all_bit_rates_are_known(fed) -> None:
@@ -507,7 +512,7 @@ def test_a_port_without_a_handle() -> None:
         assert bus.malformed == 3  # C, S8, O
         begun = time.monotonic()
         assert bus.recv(0.05) is None
-        assert 0.04 < time.monotonic() - begun < 0.5
+        assert 0.04 < time.monotonic() - begun < 1.0
         with pytest.raises(NotImplementedError):
             bus.fileno()
 
@@ -582,8 +587,16 @@ def test_a_pty_passes_bytes_as_they_are(tmp_path) -> None:
         assert pty.write(every) == 256
         pty.wait(0.5, False)
         assert pty.read() == every
-        time.sleep(0.2)
-        assert os.read(slave, 1000) == every
+        got = b""
+
+        def all_came() -> bool:
+            nonlocal got
+            if select.select([slave], [], [], 0)[0]:
+                got += os.read(slave, 1000)
+            return len(got) >= len(every)
+
+        wait_until(all_came, what="all bytes")
+        assert got == every
         total = 0
         while (taken := pty.write(1000 * b"x")) > 0:
             total += taken

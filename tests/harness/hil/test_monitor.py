@@ -46,6 +46,7 @@ from harness.hil.monitor_view import (
     view_of,
 )
 from harness.hil.ring import Ring
+from tests.waiting import wait_until
 
 CHROMIUM = shutil.which("chromium") or shutil.which("chromium-browser")
 PATIENCE = 200.0
@@ -487,13 +488,13 @@ class Browser:
             wanted: told its value.
             each: called before each look.
         """
-        end = time.monotonic() + 20.0
-        each()
-        while not wanted(value := self.value(expression)) and time.monotonic() < end:
-            time.sleep(0.05)
+
+        def is_so():
             each()
-        assert wanted(value), f"{expression} is {value!r}"
-        return value
+            value = self.value(expression)
+            return (value,) if wanted(value) else None
+
+        return wait_until(is_so, 20.0, f"{expression} as wanted", pause=0.05)[0]
 
     def asked(self):
         """Addresses of all requests."""

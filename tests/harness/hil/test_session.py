@@ -24,6 +24,7 @@ from harness.common.errors import PartError
 from harness.hil.replay import replay
 from harness.hil.session import hil
 from tests.harness.conftest import MODES
+from tests.waiting import wait_until
 
 # One after the other: two loops at once would take each other's time.
 pytestmark = [
@@ -250,18 +251,11 @@ def start(*arguments: str) -> subprocess.Popen:
     )
 
 
-def wait_for(condition, seconds: float = 60.0) -> None:
-    until = time.monotonic() + seconds
-    while not condition():
-        assert time.monotonic() < until, "it did not happen"
-        time.sleep(0.05)
-
-
 def test_ctrl_c_brings_the_command_to_rest_and_keeps_the_record(tmp_path) -> None:
     out = tmp_path / "out"
     process = start("hil", "closed_loop_can", "--seconds", "60", "--out", str(out))
     log = out / "frames.log"
-    wait_for(lambda: log.is_file() and log.stat().st_size > 100_000)
+    wait_until(lambda: log.is_file() and log.stat().st_size > 100_000)
     process.send_signal(signal.SIGINT)
     said, _ = process.communicate(timeout=60)
     assert process.returncode == 1, said
@@ -278,7 +272,7 @@ def test_a_board_that_is_killed_leaves_the_loop_on_hold(tmp_path) -> None:
     out = tmp_path / "out"
     process = start("hil", "closed_loop_can", "--seconds", "4", "--no-report", "--out", str(out))
     log = out / "frames.log"
-    wait_for(lambda: log.is_file() and log.stat().st_size > 100_000)
+    wait_until(lambda: log.is_file() and log.stat().st_size > 100_000)
     (children,) = Path(f"/proc/{process.pid}/task/{process.pid}").glob("children")
     os.kill(int(children.read_text().split()[0]), signal.SIGKILL)
     said, _ = process.communicate(timeout=60)

@@ -19,6 +19,7 @@ from harness.common.errors import PartError, ProblemsError
 from harness.parts.kinds import kinds
 from harness.parts.ports import Port, Unit
 from tests.harness.conftest import MODES, PackProbe, WriteScenario
+from tests.waiting import wait_until
 
 TWO = """
 [part.late]
@@ -339,10 +340,7 @@ def test_ctrl_c_ends_the_run_in_order(patch, write_scenario, tmp_path):
         text=True,
     )
     stream = tmp_path / "out" / "results.arrows"
-    deadline = time.monotonic() + 30.0
-    while not (stream.exists() and stream.stat().st_size > 100_000):
-        assert time.monotonic() < deadline, process.stderr.read()
-        time.sleep(0.05)
+    wait_until(lambda: stream.exists() and stream.stat().st_size > 100_000, what="the record")
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=60)
     assert process.returncode == 1

@@ -1,6 +1,7 @@
 """Many ticks in one native call: the same bits as tick by tick in Python, or not at all."""
 
 import tempfile
+import threading
 import time
 from pathlib import Path
 
@@ -103,9 +104,14 @@ def test_what_is_known_beforehand_runs_natively_too(write_scenario, recording, t
 def test_a_part_that_comes_back_after_all_changes_nothing(write_scenario, tmp_path):
     """The run has ended without it; its thread still has the loop's memory, but not the record."""
     text = "[part.bad]\nfmu = PROBE\nmode = 4\nat = 0.5\nstep_limit = 1.0\n"
+    before = threading.enumerate()
     with pytest.raises(PartError, match=r"not come back from its step at t = 0\.5 s") as caught:
         steadytip.run(write_scenario(text), out=tmp_path / "out", report=False)
-    time.sleep(0.6)
+    late = [thread for thread in threading.enumerate() if thread not in before]
+    assert late
+    for thread in late:
+        thread.join(60.0)
+        assert not thread.is_alive()
     assert np.array_equal(caught.value.result.signals("bad.count"), np.arange(1, 501))
 
 

@@ -18,6 +18,7 @@ from harness.parts.fmu import FmuPart
 from harness.parts.isolated import ending
 from harness.parts.protocols import RunContext
 from tests.harness.conftest import MODES, PackProbe, WriteScenario
+from tests.waiting import wait_until
 
 PAIR = """
 [part.good]
@@ -192,10 +193,7 @@ def long_run(write_scenario, tmp_path):
         start_new_session=True,
     )
     stream = tmp_path / "out" / "results.arrows"
-    deadline = time.monotonic() + 30.0
-    while not (stream.exists() and stream.stat().st_size > 100_000):
-        assert time.monotonic() < deadline
-        time.sleep(0.05)
+    wait_until(lambda: stream.exists() and stream.stat().st_size > 100_000, what="the record")
     yield process
     if process.poll() is None:
         process.kill()
@@ -224,7 +222,4 @@ def test_children_end_with_a_run_that_is_killed(long_run):
     assert len(children) == 2
     long_run.kill()
     long_run.wait()
-    deadline = time.monotonic() + 10.0
-    while any(running(child) for child in children):
-        assert time.monotonic() < deadline, "the children live on without their parent"
-        time.sleep(0.05)
+    wait_until(lambda: not any(map(running, children)), what="the children's end")

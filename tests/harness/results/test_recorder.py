@@ -6,7 +6,6 @@ import os
 import signal
 import subprocess
 import sys
-import time
 from pathlib import Path
 
 import numpy as np
@@ -23,6 +22,7 @@ from harness.parts.ports import Column
 from harness.recordings.run_record import ARROW_TYPES, values_of
 from harness.results.recorder import CHUNK, Recorder
 from harness.results.run_metadata import RunMetadata
+from tests.waiting import wait_until
 
 ROOT = Path(__file__).parents[3]
 ONE = "[part.a]\nfmu = PROBE\n[part.b]\nfmu = PROBE\nu = 0.1\ngain = 3.0\n"
@@ -190,11 +190,12 @@ def test_a_killed_process_leaves_everything_but_its_last_chunk(write_scenario, t
     code = f"import steadytip as st; st.run({str(path)!r}, out={str(tmp_path / 'out')!r})"
     process = subprocess.Popen([sys.executable, "-c", code], cwd=ROOT)
     stream = tmp_path / "out" / "results.arrows"
-    deadline = time.monotonic() + 30.0
-    while not (stream.exists() and stream.stat().st_size > 100_000):
-        assert time.monotonic() < deadline
+
+    def has_recorded() -> bool:
         assert process.poll() is None
-        time.sleep(0.02)
+        return stream.exists() and stream.stat().st_size > 100_000
+
+    wait_until(has_recorded, what="the record")
     os.kill(process.pid, signal.SIGKILL)
     process.wait()
     result = steadytip.read(tmp_path / "out")

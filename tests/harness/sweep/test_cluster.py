@@ -20,6 +20,7 @@ from harness.sweep import cluster
 from harness.sweep.cluster import Luggage
 from harness.sweep.execution import prepare
 from harness.sweep.worker import Base, Worker
+from tests.waiting import wait_until
 
 from .test_sweep import BAD, CHANCE, journal_lines, posix, rows, start, swept, wait_for
 
@@ -117,13 +118,9 @@ def process(*arguments: str, folder: Path, **more) -> Iterator[subprocess.Popen]
 
 
 def address_in(log: Path) -> str:
-    end = time.monotonic() + 60.0
-    while time.monotonic() < end:
-        found = re.search(r"tcp://\S+:\d+", log.read_text())
-        if found:
-            return found[0]
-        time.sleep(0.1)
-    raise AssertionError(log.read_text())
+    return wait_until(
+        lambda: re.search(r"tcp://\S+:\d+", log.read_text()), what=f"an address in {log}"
+    )[0]
 
 
 @posix

@@ -20,6 +20,7 @@ from harness.common.errors import ProblemsError, StoppedError
 from harness.sweep import executors as crews
 from harness.sweep.outcome import SweepResult, read
 from harness.sweep.store import JOURNAL, PARQUET
+from tests.waiting import wait_until
 
 from .conftest import NOISE, alone, figures
 
@@ -71,11 +72,11 @@ def journal_lines(folder: Path) -> int:
 
 
 def wait_for(folder: Path, lines: int, process: subprocess.Popen) -> None:
-    end = time.monotonic() + 60.0
-    while journal_lines(folder) < lines:
+    def has_written() -> bool:
         assert process.poll() is None, process.communicate()[0]
-        assert time.monotonic() < end
-        time.sleep(0.02)
+        return journal_lines(folder) >= lines
+
+    wait_until(has_written, what=f"line {lines} of the journal")
 
 
 def test_each_row_is_the_run_alone_that_its_command_gives(small, tmp_path):

@@ -148,6 +148,7 @@ def test_a_recording_may_vary(tmp_path, recording):
     assert values(row) == wanted
 
 
+@pytest.mark.slow  # counts pages
 @pytest.mark.skipif(not STATM.exists(), reason="reads /proc")
 def test_memory_stays_flat_over_many_runs(small):
     plan, base = laid_out(small(GRID))
