@@ -22,6 +22,7 @@ from harness.results.recorder import Recorder
 from harness.results.result import Result
 from harness.results.run_metadata import VERSION, RunMetadata
 from harness.scenario import load as scenarios
+from harness.scenario.replaced import is_on_bus
 from harness.system.assembly import System, assemble
 
 if TYPE_CHECKING:
@@ -89,7 +90,7 @@ def run(
     """
     checked = scenarios.load(scenario, overrides, variant)
     system = assemble(checked, Path(motion) if motion is not None else None, status)
-    on_bus = [name for name, table in checked.parts.items() if table.kind == "can"]
+    on_bus = [name for name, table in checked.parts.items() if is_on_bus(table)]
     if on_bus:
         raise SteadytipError(
             f"{', '.join(on_bus)} in {checked.name} is on a CAN bus, which keeps to the wall "
@@ -224,11 +225,7 @@ def metadata_of(system: System) -> RunMetadata:
         },
         roles={role: list(names) for role, names in system.roles.items()},
         order=list(system.wiring.order),
-        delays={
-            f"{link.source_part}.{link.source}": link.delay
-            for link in system.wiring.links
-            if link.delay
-        },
+        delays={str(link.source): link.delay for link in system.wiring.links if link.delay},
         unconnected=list(system.wiring.unconnected),
         events=[
             {

@@ -76,9 +76,7 @@ def test_the_command_of_a_sample_acts_at_the_next_one(run, tmp_path) -> None:
 def test_nothing_in_the_instrument_sees_the_truth() -> None:
     """Estimator and controller are driven by converted sensor voltages and by each other only."""
     wiring = assemble(load("closed_loop")).wiring
-    sources = {
-        (link.source_part, link.source) for link in wiring.links if link.target_part in INSTRUMENT
-    }
+    sources = {link.source for link in wiring.links if link.target.part in INSTRUMENT}
     assert sources
     for part, port in sources:
         sensed = port.startswith("volts_") or port == "valid"

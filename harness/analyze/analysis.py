@@ -16,6 +16,7 @@ from fmu_src.errors import SteadytipError
 from harness.analyze.multisine import ComplexArray
 from harness.analyze.operating_point import OperatingPoint, Progress, duration, find_operating_point
 from harness.analyze.part_response import PartResponse, measure_part
+from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.parts.protocols import Part
@@ -174,9 +175,7 @@ def _checked(system: System, hand: str) -> System:
     if "actuator_voltage" not in roles:
         # Every loop has a delayed wire; without a word on it, that is where the command leaves.
         late = [link for link in system.wiring.links if link.delay]
-        roles["actuator_voltage"] = tuple(
-            dict.fromkeys(f"{link.source_part}.{link.source}" for link in late)
-        )
+        roles["actuator_voltage"] = tuple(dict.fromkeys(str(link.source) for link in late))
         if not late:
             problems.append(
                 "which signals are the command is not known: signals.actuator_voltage is missing, "
@@ -185,7 +184,8 @@ def _checked(system: System, hand: str) -> System:
             )
     if not problems:
         downstream = _reached(system, hand)
-        commanding = {name.rpartition(".")[0] for name in roles["actuator_voltage"]}
+        volts = (Endpoint.find(name, system.parts) for name in roles["actuator_voltage"])
+        commanding = {endpoint.part for endpoint in volts if endpoint}
         deaf = sorted(commanding - downstream)
         if deaf:
             problems.append(
@@ -204,9 +204,9 @@ def _reached(system: System, start: str) -> set[str]:
     while waiting:
         name = waiting.pop()
         for link in system.wiring.links:
-            if link.source_part == name and link.target_part not in found:
-                found.add(link.target_part)
-                waiting.append(link.target_part)
+            if link.source.part == name and link.target.part not in found:
+                found.add(link.target.part)
+                waiting.append(link.target.part)
     return found
 
 

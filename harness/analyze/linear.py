@@ -210,12 +210,7 @@ def connect_parts(
     outputs = tuple(name for block in blocks for name in block.outputs)
     place = {name: i for i, name in enumerate(outputs)}
     columns = {label: (block, i) for block in blocks for i, label in enumerate(block.inputs)}
-    kept = [
-        link
-        for link in links
-        if f"{link.target_part}.{link.target}" in columns
-        and f"{link.source_part}.{link.source}" in place
-    ]
+    kept = [link for link in links if str(link.target) in columns and str(link.source) in place]
 
     def column(label: str) -> ComplexArray:
         block, i = columns[label]
@@ -224,7 +219,7 @@ def connect_parts(
         column_of_all[:, first : first + len(block.outputs)] = block.response[:, :, i]
         return column_of_all
 
-    sources = [f"{link.source_part}.{link.source}" for link in kept]
+    sources = [str(link.source) for link in kept]
     commands = tuple(dict.fromkeys(place[n] for n in roles["actuator_voltage"] if n in place))
     return CutLoop(
         outputs=outputs,
@@ -232,7 +227,7 @@ def connect_parts(
         commands=commands,
         tip=tuple(place[name] for name in roles["tip"]),
         moved=tuple(place[name] for name in roles["tip_uncompensated"]),
-        parts=_stacked([column(f"{link.target_part}.{link.target}") for link in kept]),
+        parts=_stacked([column(str(link.target)) for link in kept]),
         delays=_stacked([np.exp(-1j * OMEGA * link.delay * step) for link in kept]),
         cut=np.array([place[name] in commands for name in sources], dtype=bool),
         source=np.array([place[name] for name in sources], dtype=np.intp),
@@ -260,9 +255,9 @@ def fit_to_loop(
         seen: responses of all signals to the hand, (f, names, axes).
         step: sample period [s].
     """
-    into = {f"{link.target_part}.{link.target}": link for link in links}
+    into = {str(link.target): link for link in links}
     feeds = [into[label] for label in block.inputs]
-    places = [operation.names.index(f"{link.source_part}.{link.source}") for link in feeds]
+    places = [operation.names.index(str(link.source)) for link in feeds]
     late = _stacked([np.exp(-1j * OMEGA * link.delay * step) for link in feeds])
     sizes = np.maximum(operation.amplitudes[:, places], TINY)
     moved = seen[:, places] * late[:, :, None]

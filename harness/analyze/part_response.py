@@ -141,16 +141,18 @@ def measure_part(
 
 
 def _feed(part: Part, system: System, operation: OperatingPoint) -> _PartInputs:
-    links = {link.target: link for link in system.wiring.links if link.target_part == part.name}
+    links = system.wiring.into(part.name)
     into = [links[port.name] for port in part.inputs if port.name in links]
     values = np.empty((len(operation.time), len(into)))
     for column, link in enumerate(into):
-        given = operation.signal(f"{link.source_part}.{link.source}")
+        given = operation.signal(str(link.source))
         # Before the first tick a delayed wire holds the initial value: the first, very nearly.
         values[:, column] = np.concatenate(
             [np.full(link.delay, given[0]), given[: len(given) - link.delay]]
         )
-    return _PartInputs([link.target for link in into], [link.delay == 0 for link in into], values)
+    return _PartInputs(
+        [link.target.port for link in into], [link.delay == 0 for link in into], values
+    )
 
 
 def _directions(
@@ -163,14 +165,10 @@ def _directions(
             derivatives = [np.ones_like(OMEGA, dtype=complex), 1j * OMEGA, -(OMEGA**2) + 0j]
             gains = dict(zip(names, derivatives, strict=True))
             yield Direction(f"{part.name}.{axis}", gains, operation.motion[i])
-    sources = {
-        link.target: f"{link.source_part}.{link.source}"
-        for link in system.wiring.links
-        if link.target_part == part.name
-    }
+    sources = {port: str(link.source) for port, link in system.wiring.into(part.name).items()}
     real = {port.name for port in part.inputs if port.type == "Real"}
     for name in feed.connected:
-        if name not in real or sources[name].split(".")[0:2] == [part.name, "motion"]:
+        if name not in real or sources[name].startswith(f"{part.name}.motion."):
             continue
         amplitudes = operation.amplitudes[:, operation.names.index(sources[name])]
         if amplitudes.max() > 0.0:

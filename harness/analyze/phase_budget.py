@@ -175,7 +175,7 @@ def _wires(assembly: CutLoop, links: Sequence[int], phase: FloatArray) -> list[_
         return []
     late = [assembly.links[link] for link in links if assembly.links[link].delay]
     samples = "/".join(str(n) for n in sorted({link.delay for link in late}))
-    return [(tuple(sorted({link.target_part for link in late})), samples, phase)]
+    return [(tuple(sorted({link.target.part for link in late})), samples, phase)]
 
 
 def _levels(assembly: CutLoop, way: _Path) -> dict[int, int]:

@@ -120,13 +120,13 @@ class PlainLoop:
         self._plan = []
         for name in system.wiring.order:
             variables = starts[name].description.variables
-            links = [link for link in system.wiring.links if link.target_part == name]
+            links = [link for link in system.wiring.links if link.target.part == name]
             sets = []
             for kind in ("Real", "Integer", "Boolean"):
-                into = [link for link in links if variables[link.target].type == kind]
+                into = [link for link in links if variables[link.target.port].type == kind]
                 if into:
-                    references = [variables[link.target].reference for link in into]
-                    sources = [place[link.source_part, link.source] for link in into]
+                    references = [variables[link.target.port].reference for link in into]
+                    sources = [place[link.source] for link in into]
                     known = [link.delay == 0 for link in into]
                     sets.append((getattr(slaves[name], f"set{kind}"), references, sources, known))
             gets = [(get, refs, span) for get, owner, refs, span in outputs if owner == name]

@@ -154,11 +154,10 @@ def _with_listeners(name: str, folder: Path) -> Path:
 
 
 def _case(scenario: str, part: FmuPart, system: System, result: Result) -> StepCase:
-    links = {link.target: link for link in system.wiring.links if link.target_part == part.name}
+    links = system.wiring.into(part.name)
     connected = tuple(port.name for port in part.inputs if port.name in links)
     taken = [
-        _late(result.signals(f"{links[port].source_part}.{links[port].source}"), links[port].delay)
-        for port in connected
+        _late(result.signals(str(links[port].source)), links[port].delay) for port in connected
     ]
     table = np.column_stack(taken) if taken else np.empty((system.steps, 0))
     step = system.scenario.step_size

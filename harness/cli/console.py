@@ -222,8 +222,8 @@ def system_tables(system: System) -> Iterator[Table | str]:
 
 
 def _source_port(system: System, link: Link) -> Port:
-    outputs = system.parts[link.source_part].outputs
-    return next(port for port in outputs if port.name == link.source)
+    outputs = system.parts[link.source.part].outputs
+    return next(port for port in outputs if port.name == link.source.port)
 
 
 def fmu_table(description: Description) -> Iterator[Table | str]:

@@ -24,9 +24,10 @@ from harness.hil.realtime import realtime
 from harness.hil.ring import Ring, RingWriter
 from harness.loop.loop import LoopOutcome, RealTimeClock
 from harness.parts.can.board import BoardPart
+from harness.parts.settings import CanSettings, RecordedSettings
 from harness.results.result import Result
 from harness.running import perform
-from harness.scenario.replaced import replaced_parts
+from harness.scenario.replaced import can_settings, is_on_bus, replaced_parts
 from harness.scenario.schema import PartTable, Scenario, SignalRoles, Wire
 from harness.system.assembly import assemble
 
@@ -46,7 +47,7 @@ def part_on_bus(scenario: Scenario) -> str:
     Raises:
         SteadytipError: there is none, or more than one.
     """
-    names = [name for name, table in scenario.parts.items() if table.kind == "can"]
+    names = [name for name, table in scenario.parts.items() if is_on_bus(table)]
     if len(names) != 1:
         raise SteadytipError(
             f"{scenario.name} has {len(names)} parts on a CAN bus"
@@ -104,8 +105,8 @@ def world_scenario(scenario: Scenario, command: Path | None = None) -> Scenario:
             wires.append(Wire(f"{BUS}.{output}", wire.target, max(0, wire.delay - 1)))
     parts = {n: t for n, t in _put_back(scenario, name, None).items() if n in world}
     if command is not None:
-        settings = {"recorded": str(command)}
-        parts = {BUS: PartTable("recorded", settings, step_limit=10.0, motion=None), **parts}
+        settings = RecordedSettings(recorded=str(command))
+        parts = {BUS: PartTable("recorded", settings), **parts}
     roles = {
         role: patterns
         for role, patterns in scenario.signals
@@ -144,16 +145,16 @@ def board_scenario(
     played = None
     if recording is not None:
         world = {name}
-        source = {"recorded": str(recording), "of": name}
-        played = PartTable("recorded", source, step_limit=10.0, motion=None)
-    database = load(table.settings["can"])
+        played = PartTable("recorded", RecordedSettings(recorded=str(recording), of=name))
+    given = can_settings(table)
+    database = load(given.can)
     senders = {m.sender for m in database.messages if m.role == "sample"}
     if len(senders) != 1:
         raise SteadytipError(f"{database.path.name}: {len(senders)} nodes send samples, not one")
-    interface = interface or table.settings.get("interface")
-    channel = channel or table.settings.get("channel")
+    interface = interface or given.interface
+    channel = channel or given.channel
     settings: dict[str, Any] = {
-        "can": table.settings["can"],
+        "can": given.can,
         "node": senders.pop(),
         "replaces": [part for part in scenario.parts if part not in world],
         **({"interface": interface} if interface else {}),
@@ -161,7 +162,7 @@ def board_scenario(
         # At its end of a serial line, the board is the adapter.
         **({"options": {"device": True}} if (channel or "").startswith("pty:") else {}),
     }
-    bus = PartTable("can", settings, step_limit=10.0, motion=None)
+    bus = PartTable("can", CanSettings.model_validate(settings))
     parts = {BUS: bus, **_put_back(scenario, name, played)}
     return dataclasses.replace(scenario, parts=parts, seconds=_FOREVER)
 

@@ -30,6 +30,7 @@ from harness.recordings.run_record import read_metadata, read_record, record_fil
 from harness.results.result import Result
 from harness.running import default_folder, perform
 from harness.scenario import load as scenarios
+from harness.scenario.replaced import can_settings, is_on_bus
 from harness.scenario.schema import Hil, Scenario
 from harness.system.assembly import System, assemble
 from harness.system.roles import roles
@@ -206,10 +207,9 @@ class _Firmware:
         felt = perform(world, folder / "sensors", report=False)
         volts = np.column_stack([felt.signals(f"{name}.volts_{c}") for c in CHANNELS])
         samples = write_samples(folder / "samples.csv", volts, felt.signals(f"{name}.temperature"))
-        settings = scenario.parts[name].settings
         self._board = FirmwareBoard(
             samples,
-            settings["can"],
+            can_settings(scenario.parts[name]).can,
             link=link,
             faults=faults,
             seed=seed,
@@ -368,7 +368,7 @@ def hil(
     """
     changes = dict(overrides or {})
     checked = scenarios.load(scenario, changes)
-    on_bus = any(table.kind == "can" for table in checked.parts.values())
+    on_bus = any(is_on_bus(table) for table in checked.parts.values())
     if on_bus:
         part_on_bus(checked)
     elif checked.hil.board != "none":
@@ -430,15 +430,15 @@ def _signals(scenario: Scenario, moved: bool) -> dict[str, Sequence[str]]:
 
 def _addresses(scenario: Scenario, name: str, folder: Path) -> tuple[str, str]:
     """Channels of the loop's and of the board's end of a bus that is made for one run."""
-    settings = scenario.parts[name].settings
-    interface = settings.get("interface")
+    settings = can_settings(scenario.parts[name])
+    interface = settings.interface
     if scenario.hil.board == "c":
         interface = "slcanbulk"  # the C program speaks nothing else
     if interface == "unixbus":
-        channel = settings.get("channel") or str(folder)
+        channel = settings.channel or str(folder)
         return channel, channel
     if interface == "slcanbulk":
-        link = settings.get("channel") or str(folder / "tty")
+        link = settings.channel or str(folder / "tty")
         return link, f"pty:{link}"
     raise SteadytipError(
         f"part '{name}': an emulated board is at the interfaces 'unixbus' and 'slcanbulk', not at "

@@ -8,18 +8,17 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, ValidationError
 
 from fmu_src.errors import range_text
 from harness.common.errors import FaultError, ProblemsError, nearest
 from harness.common.files import is_path
 from harness.common.types import FloatArray
-from harness.common.validation_errors import explain
 from harness.parts.description import Description, Variable, describe
 from harness.parts.fmi import Instance
 from harness.parts.isolated import IsolatedInstance
 from harness.parts.ports import Port
 from harness.parts.protocols import FmuCalls, RunContext, Settings
+from harness.parts.settings import FmuSettings, check_settings
 from harness.parts.ssv import read_ssv
 
 _Value = float | int | bool | str
@@ -29,25 +28,6 @@ _TOML_TYPES: dict[str, tuple[type, ...]] = {
     "Boolean": (bool,),
     "String": (str,),
 }
-
-
-class _FmuKeys(BaseModel):
-    """Settings of an FMU part; every other key is a start value of the FMU.
-
-    Attributes:
-        fmu: path of the file, or name of a model that is built.
-        flavour: of a model that is built.
-        parameters: path of an `.ssv` file with start values.
-        isolate: whether the FMU runs in a process of its own, so that a crash or a hang in it ends
-            the part with a message and not the run's process.
-    """
-
-    model_config = ConfigDict(extra="allow", strict=True)
-
-    fmu: str
-    flavour: str = "native"
-    parameters: str | None = None
-    isolate: bool = False
 
 
 class FmuPart:
@@ -61,7 +41,7 @@ class FmuPart:
             SteadytipError: the FMU cannot be read or does not run on this machine.
         """
         self.name = name
-        keys = self._checked(settings)
+        keys = check_settings(FmuSettings, name, settings)
         self.description: Description = describe(Path(keys.fmu))
         self.description.binary()
         self.inputs: Sequence[Port] = self.description.inputs
@@ -81,15 +61,9 @@ class FmuPart:
         Raises:
             ProblemsError: everything that is wrong with the settings.
         """
-        self._take(self._checked(settings), seed)
+        self._take(check_settings(FmuSettings, self.name, settings), seed)
 
-    def _checked(self, settings: Settings) -> _FmuKeys:
-        try:
-            return _FmuKeys.model_validate(dict(settings))
-        except ValidationError as error:
-            raise ProblemsError(f"part '{self.name}'", explain(error, _FmuKeys)) from None
-
-    def _take(self, keys: _FmuKeys, seed: int) -> None:
+    def _take(self, keys: FmuSettings, seed: int) -> None:
         problems: list[str] = []
         values = self._start_values(keys, problems)
         if problems:
@@ -251,7 +225,7 @@ class FmuPart:
             "isolated": self._isolate,
         }
 
-    def _start_values(self, keys: _FmuKeys, problems: list[str]) -> dict[str, _Value]:
+    def _start_values(self, keys: FmuSettings, problems: list[str]) -> dict[str, _Value]:
         variables = self.description.variables
         given: dict[str, Any] = {}
         if keys.parameters is not None:
@@ -287,7 +261,7 @@ class FmuPart:
                 f"'{name}' is an array: give all {array} values in a list"
                 if array
                 else f"the FMU has no variable '{name}'; "
-                f"{nearest(name, settable | set(_FmuKeys.model_fields))}"
+                f"{nearest(name, settable | set(FmuSettings.model_fields))}"
             )
             return
         if any(isinstance(row, list) for row in value):

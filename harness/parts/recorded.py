@@ -11,28 +11,20 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
 import numpy as np
-from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
 from fmu_src.errors import SteadytipError
-from harness.common.errors import FaultError, ProblemsError, nearest
+from harness.common.errors import FaultError, nearest
 from harness.common.types import FloatArray, PortType
-from harness.common.validation_errors import explain
 from harness.parts.ports import Port, unit_of
 from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
+from harness.parts.settings import RecordedSettings, check_settings
 from harness.recordings.run_record import read_record, read_schema, values_of
 
 _TYPES: Mapping[str, PortType] = {"int32": "Integer", "bool": "Boolean"}
-
-
-class _RecordedKeys(BaseModel):
-    model_config = ConfigDict(extra="forbid", strict=True)
-
-    recorded: str
-    of: Annotated[str, Field(min_length=1)] | None = None
 
 
 class RecordedPart(RowsPart):
@@ -46,10 +38,7 @@ class RecordedPart(RowsPart):
             SteadytipError: the record cannot be read, or has no such part.
         """
         self.name = name
-        try:
-            keys = _RecordedKeys.model_validate(dict(settings))
-        except ValidationError as error:
-            raise ProblemsError(f"part '{name}'", explain(error, _RecordedKeys)) from None
+        keys = check_settings(RecordedSettings, name, settings)
         self._path = Path(keys.recorded)
         schema, of = read_schema(self._path), keys.of or name
         fields = [field for field in schema if field.name.startswith(f"{of}.")]

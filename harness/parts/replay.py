@@ -13,11 +13,11 @@ from typing import Any
 
 import numpy as np
 
-from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.parts.ports import Port, Unit
 from harness.parts.protocols import RunContext, Settings
 from harness.parts.rows import RowsPart
+from harness.parts.settings import ReplaySettings, check_settings
 from harness.recordings.motion import read_recording
 
 _DEGREE = 5
@@ -53,12 +53,8 @@ class ReplayPart(RowsPart):
         """
         self.name = name
         self.outputs = PORTS
-        unknown = set(settings) - {"replay"}
-        if unknown:
-            raise ProblemsError(
-                f"part '{name}'", [f"a recording has no setting '{key}'" for key in sorted(unknown)]
-            )
-        self._recording = read_recording(Path(settings["replay"]))
+        keys = check_settings(ReplaySettings, name, settings)
+        self._recording = read_recording(Path(keys.replay))
         self.seconds = self._recording.seconds
         self._evaluated = (0, 0.0)  # number of ticks, and their period
         self.rows = np.ones((0, len(PORTS)))

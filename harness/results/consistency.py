@@ -32,6 +32,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal, stats
 
+from harness.common.endpoint import Endpoint
 from harness.common.types import FloatArray
 from harness.results.metrics import Metric, rotation_between
 from harness.scenario.schema import NIS_OUTPUT, SHORTEST_EVALUATION
@@ -205,7 +206,8 @@ def _errors(
         if true is None or estimated is None:
             continue
         # `estimator.attitude_w` is a component of the quantity `attitude` of `estimator`.
-        part, _, port = roles[f"{what}_estimated"][0].partition(".")
+        name = roles[f"{what}_estimated"][0]
+        part, port = Endpoint.find(name, result.metadata.parts) or Endpoint(*name.split(".", 1))
         quantity = port.rpartition("_")[0] or port
         sigmas = [f"{part}.{quantity}_sigma_{axis}" for axis in "xyz"]
         if not columns.issuperset(sigmas):

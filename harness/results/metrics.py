@@ -25,6 +25,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy import signal
 
+from harness.common.endpoint import Endpoint
 from harness.common.types import FloatArray
 from harness.scenario.schema import SHORTEST_EVALUATION
 
@@ -112,8 +113,8 @@ def motion_of(result: RecordedSignals) -> Motion:
     While a recording moves the part that gives the intent, that part does not know the intent.
     """
     metadata = result.metadata
-    intent_parts = {name.rpartition(".")[0] for name in metadata.roles.get("intent", [])}
-    replayed = bool(intent_parts & set(metadata.motions))
+    intent = (Endpoint.find(name, metadata.parts) for name in metadata.roles.get("intent", []))
+    replayed = any(endpoint and endpoint.part in metadata.motions for endpoint in intent)
     return Motion(
         step=metadata.step_size,
         settle=metadata.warm_up,

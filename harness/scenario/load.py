@@ -15,6 +15,7 @@ from fmu_src.errors import SteadytipError
 from harness.common.errors import ProblemsError, nearest
 from harness.common.files import is_path
 from harness.parts.kinds import kinds
+from harness.parts.settings import settings_of
 from harness.scenario.merge import merge_tables, nest_keys
 from harness.scenario.old_names import with_new_names
 from harness.scenario.problems import kind_problems, table_problems
@@ -99,11 +100,14 @@ def _checked(
     parts = table.get("part")
     if isinstance(parts, dict):
         problems += [text for name, part in parts.items() for text in kind_problems(name, part)]
+    made: dict[str, PartTable] = {}
     try:
         checked = ScenarioTable.model_validate(table)
     except ValidationError as error:
         problems += table_problems(error)
     else:
+        if not problems:
+            made = _parts(checked.part, problems)
         problems += [
             f"fault on '{fault.wire}': {fault.trouble}" for fault in checked.fault if fault.trouble
         ]
@@ -119,7 +123,7 @@ def _checked(
         step_size=checked.step_size,
         warm_up=checked.warm_up,
         seed=checked.seed,
-        parts={name: _part(part) for name, part in checked.part.items()},
+        parts=made,
         wires=tuple(Wire(w.source, w.target, w.delay) for w in checked.wire),
         signals=checked.signals,
         hil=checked.hil,
@@ -221,15 +225,25 @@ def _is_path(key: str, value: str) -> bool:
     return key in {"motion", "parameters"}
 
 
-def _part(part: PartSettings) -> PartTable:
+def _parts(parts: Mapping[str, PartSettings], problems: list[str]) -> dict[str, PartTable]:
+    made: dict[str, PartTable] = {}
+    for name, part in parts.items():
+        try:
+            made[name] = _part(name, part)
+        except ProblemsError as error:
+            problems += [f"{error.where}: {problem}" for problem in error.problems]
+    return made
+
+
+def _part(name: str, part: PartSettings) -> PartTable:
     settings = dict(part.model_extra or {})
     (kind,) = (key for key in kinds() if key in settings)
     before = part.stands_for
     return PartTable(
         kind=kind,
-        settings=settings,
+        settings=settings_of(kind, name, settings),
         step_limit=part.step_limit,
         motion=Path(part.motion) if part.motion is not None else None,
         innovation_size=part.innovation_size,
-        stands_for=_part(PartSettings.model_validate(before)) if before else None,
+        stands_for=_part(name, PartSettings.model_validate(before)) if before else None,
     )

@@ -3,9 +3,21 @@
 from __future__ import annotations
 
 from harness.common.patterns import matching
-from harness.scenario.schema import Scenario
+from harness.parts.settings import CanSettings
+from harness.scenario.schema import PartTable, Scenario
 
-__all__ = ["replaced_parts"]
+__all__ = ["can_settings", "is_on_bus", "replaced_parts"]
+
+
+def is_on_bus(table: PartTable) -> bool:
+    """Return whether a part is at an end of a CAN bus."""
+    return isinstance(table.settings, CanSettings)
+
+
+def can_settings(table: PartTable) -> CanSettings:
+    """Return the settings of a part on a CAN bus."""
+    assert isinstance(table.settings, CanSettings)
+    return table.settings
 
 
 def replaced_parts(scenario: Scenario) -> frozenset[str]:
@@ -14,6 +26,6 @@ def replaced_parts(scenario: Scenario) -> frozenset[str]:
     return frozenset(
         name
         for table in scenario.parts.values()
-        if table.kind == "can"
-        for name in matching(names, table.settings.get("replaces", ()))
+        if isinstance(table.settings, CanSettings)
+        for name in matching(names, table.settings.replaces)
     )

@@ -37,7 +37,9 @@ from typing import Annotated, Any, Literal
 from pydantic import BaseModel, BeforeValidator, ConfigDict, Field
 
 from harness.can.timing import Timing
+from harness.common.endpoint import Endpoint
 from harness.common.strict_model import Positive, StrictModel
+from harness.parts.settings import KindSettings
 from harness.scenario.events import Change, Fault
 from harness.scenario.sweep import Sweep
 
@@ -176,7 +178,7 @@ class PartTable:
 
     Attributes:
         kind: key of `harness.parts.kinds.kinds()`.
-        settings: the kind's own settings, `kind` among them.
+        settings: the kind's own settings.
         step_limit: wall-clock time that one call may take [s].
         motion: recording to stream into it.
         innovation_size: degrees of freedom of its corrections, if it does not say itself.
@@ -184,9 +186,9 @@ class PartTable:
     """
 
     kind: str
-    settings: Mapping[str, Any]
-    step_limit: float
-    motion: Path | None
+    settings: KindSettings
+    step_limit: float = 10.0
+    motion: Path | None = None
     innovation_size: int | None = None
     stands_for: PartTable | None = None
 
@@ -226,3 +228,8 @@ class Scenario:
     variant: str | None = None
     variants: tuple[str, ...] = ()
     notes: tuple[str, ...] = ()
+
+    def part_setting(self, key: str) -> Endpoint | None:
+        """Return part and setting of a key as `part.hand.seed`; None if it is no such key."""
+        head, _, rest = key.partition(".")
+        return Endpoint.find(rest, self.parts) if head == "part" else None

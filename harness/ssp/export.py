@@ -86,13 +86,10 @@ def _checked(system: System) -> tuple[list[FmuPart], list[Connection]]:
         )
     if problems:
         raise ProblemsError(system.scenario.name, problems)
-    links = {
-        Connection(link.source_part, link.source, link.target_part, link.target): link.delay
-        for link in system.wiring.links
-    }
+    links = {Connection(link.source, link.target): link.delay for link in system.wiring.links}
 
     def through(connection: Connection) -> bool:
-        return feedthrough(system.parts[connection.target_part].outputs, connection.target)
+        return feedthrough(system.parts[connection.target.part].outputs, connection.target.port)
 
     order = system.wiring.order
     read_back = delays(run_order(order, links, through), links)
@@ -155,10 +152,10 @@ def _structure(
                 section,
                 markup.tag("ssd", "Connection"),
                 {
-                    "startElement": c.source_part,
-                    "startConnector": c.source,
-                    "endElement": c.target_part,
-                    "endConnector": c.target,
+                    "startElement": c.source.part,
+                    "startConnector": c.source.port,
+                    "endElement": c.target.part,
+                    "endConnector": c.target.port,
                 },
             )
     markup.add_units(root, "ssd", units)

@@ -25,7 +25,7 @@ from harness.parts.ssv import SsvValue
 from harness.ssp.bindings import Transformation, find_bindings, transformation
 from harness.ssp.place import Place, named
 
-__all__ = ["FMU_TYPE", "SSD", "Component", "Endpoint", "Flat", "FlatConnection", "flatten"]
+__all__ = ["FMU_TYPE", "SSD", "Component", "Connector", "Flat", "FlatConnection", "flatten"]
 
 SSD = "SystemStructure.ssd"
 """Entry point of an SSP archive."""
@@ -37,7 +37,7 @@ _MOST_ELEMENTS = 10_000  # references that hold references multiply
 _GIVES = {"input": False, "output": True, "parameter": False, "calculatedParameter": True}
 """Kinds of connectors, and whether an element gives a value there."""
 
-Endpoint = tuple[tuple[str, ...], str]
+Connector = tuple[tuple[str, ...], str]
 """Names of the nested elements from the outside to the inside, and a connector of the last."""
 
 
@@ -72,8 +72,8 @@ class FlatConnection:
         converts: whether units are converted on the way, should they differ.
     """
 
-    source: Endpoint
-    target: Endpoint
+    source: Connector
+    target: Connector
     transformation: Transformation | None = None
     converts: bool = True
 
@@ -137,9 +137,9 @@ class _Reader:
         self._workspace = workspace
         self._left = archives.MOST_BYTES
         self._elements = 0
-        self._kinds: dict[Endpoint, str] = {}
-        self._drivers: dict[Endpoint, FlatConnection] = {}
-        self._presets: dict[Endpoint, SsvValue] = {}
+        self._kinds: dict[Connector, str] = {}
+        self._drivers: dict[Connector, FlatConnection] = {}
+        self._presets: dict[Connector, SsvValue] = {}
 
     def unpack(self, path: Path) -> Path:
         """Extract an archive; all archives of a run share one budget of bytes."""
@@ -274,7 +274,7 @@ class _Reader:
         self.system(inner.root().find(tag("ssd", "System")), inner, path)
 
     def _connection(self, item: Any, path: tuple[str, ...]) -> None:
-        ends: list[Endpoint] = []
+        ends: list[Connector] = []
         for side in ("start", "end"):
             name = item.get(f"{side}Element")
             ends.append(((*path, name) if name else path, item.get(f"{side}Connector")))
@@ -324,5 +324,5 @@ class _Reader:
                 self._problem(path, name, "neither a component nor the system has this parameter")
 
 
-def _shown(end: Endpoint) -> str:
+def _shown(end: Connector) -> str:
     return ".".join((*end[0], end[1]))

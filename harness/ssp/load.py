@@ -20,12 +20,13 @@ from typing import Any
 import tomli_w
 
 from fmu_src.errors import SteadytipError
+from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError
 from harness.parts import ssp_markup as markup
 from harness.parts.description import Description, describe
 from harness.parts.ports import Port, Unit
 from harness.parts.ssv import SsvValue, write_ssv
-from harness.ssp.flatten import Component, Endpoint, Flat, FlatConnection, flatten
+from harness.ssp.flatten import Component, Connector, Flat, FlatConnection, flatten
 from harness.ssp.names import file_names, portable
 from harness.ssp.order import Connection, delays, feedthrough, run_order
 from harness.ssp.place import named
@@ -203,19 +204,21 @@ def _table(
     """Return the scenario as TOML has it."""
     outputs = {names[path]: description.outputs for path, description in descriptions.items()}
     connections = [
-        Connection(names[k.source[0]], k.source[1], names[k.target[0]], k.target[1])
+        Connection(
+            Endpoint(names[k.source[0]], k.source[1]), Endpoint(names[k.target[0]], k.target[1])
+        )
         for k in flat.links
     ]
     order = run_order(
         [names[c.path] for c in flat.components],
         connections,
-        lambda connection: feedthrough(outputs[connection.target_part], connection.target),
+        lambda connection: feedthrough(outputs[connection.target.part], connection.target.port),
     )
     delayed = delays(order, connections)
     notes += [
         f"the loop is closed by one sample of delay from '{source}' to '{target}'"
         for source, target in dict.fromkeys(
-            (c.source_part, c.target_part) for c in connections if delayed[c]
+            (c.source.part, c.target.part) for c in connections if delayed[c]
         )
     ]
     paths = {name: path for path, name in names.items()}
@@ -232,7 +235,7 @@ def _table(
         "step_size": step if step is not None else _step(list(descriptions.values()), notes),
         "part": parts,
         "wire": [
-            {"from": f"{c.source_part}.{c.source}", "to": f"{c.target_part}.{c.target}"}
+            {"from": str(c.source), "to": str(c.target)}
             | ({"delay": delayed[c]} if delayed[c] else {})
             for c in connections
         ],
@@ -285,5 +288,5 @@ def _write(
     return scenario
 
 
-def _shown(end: Endpoint) -> str:
+def _shown(end: Connector) -> str:
     return ".".join((*end[0], end[1]))

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from harness.common.endpoint import Endpoint
 from harness.parts.ports import Port
 from harness.system.order import stable_order
 
@@ -32,19 +33,15 @@ class Connection:
     """Output to input.
 
     Attributes:
-        source_part: component that gives the value.
-        source: its output.
-        target_part: component that takes it.
-        target: its input.
+        source: output of the component that gives the value.
+        target: input of the component that takes it.
     """
 
-    source_part: str
-    source: str
-    target_part: str
-    target: str
+    source: Endpoint
+    target: Endpoint
 
     def __str__(self) -> str:
-        return f"{self.source_part}.{self.source} -> {self.target_part}.{self.target}"
+        return f"{self.source} -> {self.target}"
 
 
 def feedthrough(outputs: Iterable[Port], name: str) -> bool:
@@ -66,23 +63,23 @@ def run_order(
     """
     rank = {name: index for index, name in enumerate(parts)}
     loop = _loops(rank, connections)
-    counting = [c for c in connections if loop[c.source_part] != loop[c.target_part] or through(c)]
+    counting = [c for c in connections if loop[c.source.part] != loop[c.target.part] or through(c)]
     loop = _loops(rank, counting)
     counting = [
         c
         for c in counting
-        if loop[c.source_part] != loop[c.target_part] or rank[c.source_part] < rank[c.target_part]
+        if loop[c.source.part] != loop[c.target.part] or rank[c.source.part] < rank[c.target.part]
     ]
     before: dict[str, set[str]] = {name: set() for name in parts}
     for connection in counting:
-        before[connection.target_part].add(connection.source_part)
+        before[connection.target.part].add(connection.source.part)
     return stable_order(before)
 
 
 def delays(order: Sequence[str], connections: Iterable[Connection]) -> dict[Connection, int]:
     """Return the samples by which each connection is delayed when parts run in this order."""
     place = {name: index for index, name in enumerate(order)}
-    return {c: int(place[c.source_part] >= place[c.target_part]) for c in connections}
+    return {c: int(place[c.source.part] >= place[c.target.part]) for c in connections}
 
 
 def lag(
@@ -108,9 +105,9 @@ def lag(
     for name in order:
         late[name] = max(
             (
-                late[c.source_part] + periods[c.source_part]
+                late[c.source.part] + periods[c.source.part]
                 for c in connections
-                if c.target_part == name and not delayed[c]
+                if c.target.part == name and not delayed[c]
             ),
             default=0.0,
         )
@@ -122,7 +119,7 @@ def _loops(rank: Mapping[str, int], connections: Iterable[Connection]) -> dict[s
     from scipy.sparse import csr_array
     from scipy.sparse.csgraph import connected_components
 
-    edges = [(rank[c.source_part], rank[c.target_part]) for c in connections]
+    edges = [(rank[c.source.part], rank[c.target.part]) for c in connections]
     rows, columns = np.array(edges, dtype=int).reshape(-1, 2).T
     graph = csr_array((np.ones(len(edges)), (rows, columns)), shape=(len(rank), len(rank)))
     _, labels = connected_components(graph, connection="strong")

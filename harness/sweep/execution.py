@@ -17,6 +17,7 @@ from harness.common.errors import ProblemsError, RunError, StoppedError, nearest
 from harness.parts.fmu import FmuPart
 from harness.recordings.motion import recordings
 from harness.scenario import load as scenarios
+from harness.scenario.replaced import is_on_bus
 from harness.scenario.schema import Scenario
 from harness.sweep.command import command_of
 from harness.sweep.executors import Executor, InlineExecutor, ProcessExecutor
@@ -167,7 +168,7 @@ def prepare(
     common = with_places(checked, plan.faults)
     first = Path(plan.motions[0]) if plan.motions else None
     system = assemble(common, first, status)
-    on_bus = [name for name, part in checked.parts.items() if part.kind == "can"]
+    on_bus = [name for name, table in checked.parts.items() if is_on_bus(table)]
     problems = [f"part '{name}' keeps to the wall clock: no sweep" for name in on_bus]
     problems += _wrong_keys(plan, system)
     if problems:
@@ -273,7 +274,7 @@ def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
     scenario = plan.scenario
     for key, variable in plan.variables.items():
         head, _, rest = key.partition(".")
-        name, _, setting = rest.partition(".")
+        found = scenario.part_setting(key)
         where = f"sweep.vary '{key}'"
         if head != "part":
             known = [*LENGTHS, "step_size", "part"]
@@ -283,9 +284,11 @@ def _wrong_keys(plan: SweepPlan, system: System) -> Iterator[str]:
                 yield f"{where}: no such value can be varied; {nearest(head, known)}"
             elif variable.since is not None:
                 yield f"{where}: it cannot act from {variable.since:g} s on"
-        elif name not in scenario.parts:
+        elif found is None:
+            name = rest.partition(".")[0]
             yield f"{where}: there is no part '{name}'; {nearest(name, scenario.parts)}"
-        elif isinstance(part := system.parts.get(name), FmuPart):
+        elif isinstance(part := system.parts.get(found.part), FmuPart):
+            setting = found.port
             names = part.description.variables
             bases = {n.split("[")[0] for n, v in names.items() if v.settable} | {*FIXED, "fmu"}
             if setting not in names and setting not in bases:
@@ -304,25 +307,25 @@ def _files(system: System, plan: SweepPlan, status: Callable[[str], None]) -> di
         part = system.parts.get(name)
         if isinstance(part, FmuPart):
             found[reference(table, "fmu")] = part.description.path.resolve()
-        elif table.kind in table.settings and Path(str(table.settings[table.kind])).is_file():
-            found[reference(table, table.kind)] = Path(table.settings[table.kind]).resolve()
-        if "parameters" in table.settings:
-            found[reference(table, "parameters")] = Path(table.settings["parameters"]).resolve()
+        for key, text in table.settings.table.items():
+            named = key in table.settings.files and (key != "fmu" or part is None)
+            if named and Path(str(text)).is_file():
+                found[reference(table, key)] = Path(text).resolve()
     for path in [*system.motions.values(), *map(Path, plan.motions)]:
         found[str(path)] = path.resolve()
     # FMUs that a variable puts in the place of others.
     for key, variable in plan.variables.items():
-        name, _, setting = key.removeprefix("part.").partition(".")
-        if setting != "fmu":
+        place = system.scenario.part_setting(key)
+        if place is None or place.port != "fmu":
             continue
-        table = system.scenario.parts[name]
+        name, table = place.part, system.scenario.parts[place.part]
         for value in variable.listed():
-            settings = {**table.settings, "fmu": value}
-            ready = FmuPart.prepare({name: settings}, status)[name]
+            changed = table.settings.model_copy(update={"fmu": value})
+            ready = FmuPart.prepare({name: changed.table}, status)[name]
             path = Path(ready["fmu"])
             if not path.is_file():
                 raise SteadytipError(f"sweep.vary '{key}': FMU {path} does not exist")
-            found[reference(replace(table, settings=settings), "fmu")] = path.resolve()
+            found[reference(replace(table, settings=changed), "fmu")] = path.resolve()
     return found
 
 
@@ -381,10 +384,10 @@ def _metadata(plan: SweepPlan, system: System) -> dict[str, Any]:
 def _unit(axis: str, system: System) -> str:
     if axis in LENGTHS or axis == "step_size":
         return "s"
-    name, _, setting = axis.removeprefix("part.").partition(".")
-    part = system.parts.get(name)
-    if not isinstance(part, FmuPart):
+    place = system.scenario.part_setting(axis)
+    part = system.parts.get(place.part) if place else None
+    if place is None or not isinstance(part, FmuPart):
         return ""
-    variables = part.description.variables
+    variables, setting = part.description.variables, place.port
     found = variables.get(setting) or variables.get(f"{setting}[1]")
     return found.unit if found is not None else ""

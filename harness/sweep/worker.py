@@ -23,6 +23,7 @@ from harness.common.errors import FaultError, ProblemsError, RunError, StoppedEr
 from harness.loop.segments import run_until
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part, Restorable, Reusable, RunContext
+from harness.parts.settings import FmuSettings
 from harness.results.run_metadata import RunMetadata
 from harness.scenario.events import Fault
 from harness.scenario.load import with_values
@@ -164,7 +165,7 @@ class _WorkerSystem:
         for name, table in self.tables.items():
             part = self.made.parts[name]
             assert isinstance(part, FmuPart)
-            settings = merge_tables(table.settings, changed.get(name, {}))
+            settings = merge_tables(table.settings.table, changed.get(name, {}))
             try:
                 part.take(settings, part_seed(case.seed, name))
             except ProblemsError as error:
@@ -253,7 +254,7 @@ def _needed(system: System, container: FmuPart) -> set[str]:
     goes unnoticed in the others.
     """
     kept = wanted(system)
-    links = {link.source for link in system.wiring.links if link.source_part == container.name}
+    links = {link.source.port for link in system.wiring.links if link.source.part == container.name}
     names = {port.name: f"{container.name}.{port.name}" for port in container.outputs}
     found = {port for port, name in names.items() if system.names.get(name, name) in kept} | links
     return found or {container.outputs[0].name}
@@ -344,12 +345,10 @@ class Worker:
 
 def is_start_value(scenario: Scenario, key: str) -> bool:
     """Return whether a key names a start value of an FMU, which leaves the system as it is."""
-    head, _, rest = key.partition(".")
-    name, _, setting = rest.partition(".")
-    table = scenario.parts.get(name)
-    if head != "part" or table is None or table.kind != "fmu" or not setting:
+    found = scenario.part_setting(key)
+    if found is None or not isinstance(scenario.parts[found.part].settings, FmuSettings):
         return False
-    return setting != "fmu" and setting not in FIXED
+    return found.port not in {"", "fmu", *FIXED}
 
 
 def _hanging() -> bool:

@@ -10,13 +10,14 @@ from typing import Any
 import numpy as np
 
 from fmu_src.errors import SteadytipError
+from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError
-from harness.common.files import is_path
 from harness.parts.kinds import kinds
 from harness.parts.ports import Column
 from harness.parts.protocols import Part, Settings
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
+from harness.parts.settings import FmuSettings
 from harness.scenario.events import MODEL
 from harness.scenario.replaced import replaced_parts
 from harness.scenario.schema import NIS_OUTPUT, SHORTEST_EVALUATION, PartTable, Scenario, Wire
@@ -162,13 +163,17 @@ def _with_fault_parts(scenario: Scenario) -> Scenario:
         table = settings.setdefault(fault.part, {"fmu": MODEL})
         if fault.at == 0.0:
             table |= fault.settings
-    added = {name: PartTable("fmu", table, 10.0, None) for name, table in settings.items()}
+    added = {
+        name: PartTable("fmu", FmuSettings.model_validate(table))
+        for name, table in settings.items()
+    }
     return replace(scenario, parts={**scenario.parts, **added})
 
 
 def _owner(name: str, scenario: Scenario) -> str:
-    """Part that a recording moves; any other part's own name."""
-    return name if name in scenario.parts else name.rpartition(".")[0]
+    """Return the part that a sibling stands beside; any other part's own name."""
+    beside = Endpoint.find(name, scenario.parts)
+    return beside.part if beside and name not in scenario.parts else name
 
 
 def _make(
@@ -182,7 +187,7 @@ def _make(
     classes = {kind: known[kind].load() for kind in {t.kind for t in wanted.values()}}
     settings: dict[str, Settings] = {}
     for kind, part_class in classes.items():
-        tables = {n: t.settings for n, t in wanted.items() if t.kind == kind}
+        tables = {n: t.settings.table for n, t in wanted.items() if t.kind == kind}
         settings |= part_class.prepare(tables, progress)
     parts: dict[str, Part] = {}
     problems: list[str] = []
@@ -200,20 +205,20 @@ def _make(
 
 def reference(table: PartTable, key: str) -> str:
     """Return how a part's setting names a file, or a model that is built in some flavour."""
-    text = str(table.settings[key])
-    if key == "fmu" and not is_path(text):
-        return f"{table.settings.get('flavour', 'native')} {text}"
-    return text
+    if key == "fmu" and isinstance(table.settings, FmuSettings) and table.settings.is_model:
+        return f"{table.settings.flavour} {table.settings.fmu}"
+    return str(table.settings.table[key])
 
 
 def with_files(table: PartTable, files: Mapping[str, Path]) -> PartTable:
     """Put other files in the place of those that a table names."""
+    given = table.settings
     found = {
         key: str(files[reference(table, key)])
-        for key in (table.kind, "parameters")
-        if key in table.settings and reference(table, key) in files
+        for key in given.files
+        if key in given.table and reference(table, key) in files
     }
-    return replace(table, settings={**table.settings, **found}) if found else table
+    return replace(table, settings=given.model_copy(update=found)) if found else table
 
 
 def part_moved_by_recording(parts: Mapping[str, Part]) -> str:

@@ -4,9 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
 
+from harness.common.endpoint import Endpoint
 from harness.parts.protocols import Part
 from harness.scenario.schema import Wire
-from harness.system.endpoint import split
 from harness.system.wire import star_of
 
 __all__ = ["route_over_bus"]
@@ -31,12 +31,13 @@ def route_over_bus(
     buses = [name for name, part in parts.items() if getattr(part, "siblings", None) is not None]
     if not buses:
         return list(wires), []
+    everything = [*parts, *gone]
     kept: dict[str, Wire] = {}
     notes: list[str] = []
     for wire in wires:
-        (start, _, output), (end, _, _) = wire.source.partition("."), wire.target.partition(".")
-        target = split(wire.target, parts)
-        leaves = end in gone or (target is not None and target[0] in buses)
+        start, output = Endpoint.find(wire.source, everything) or Endpoint("", "")
+        target = Endpoint.find(wire.target, everything)
+        leaves = target is not None and (target.part in gone or target.part in buses)
         # What a board makes of its commands is out there, too: it has no port for it.
         arrives = start in gone or (start in buses and not _has(parts[start], output, False))
         if not leaves and not arrives:

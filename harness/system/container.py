@@ -12,10 +12,11 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from fmu_src.errors import SteadytipError
+from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError, nearest
-from harness.common.files import is_path
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import Part
+from harness.parts.settings import FmuSettings
 from harness.scenario.schema import Scenario, Wire
 from harness.system.assembly import System
 from harness.system.wiring import connect
@@ -131,12 +132,12 @@ def fuse(
     parts |= {other: part for other, part in system.parts.items() if other not in members}
     wires = [
         Wire(
-            _inside(name, members, link.source_part, link.source),
-            _inside(name, members, link.target_part, link.target),
+            _inside(name, members, link.source),
+            _inside(name, members, link.target),
             link.delay,
         )
         for link in system.wiring.links
-        if not (link.source_part in members and link.target_part in members)
+        if not (link.source.part in members and link.target.part in members)
     ]
     limit = max(system.step_limits[part] for part in members)
     return replace(
@@ -145,17 +146,19 @@ def fuse(
         wiring=connect(scenario.name, parts, wires),
         step_limits={**system.step_limits, name: limit},
         names={
-            _inside(name, members, part, port.name): f"{part}.{port.name}"
+            _inside(name, members, endpoint): str(endpoint)
             for part in members
             for port in system.parts[part].outputs
+            for endpoint in [Endpoint(part, port.name)]
         },
         unfused=system,
     )
 
 
-def _inside(name: str, members: Collection[str], part: str, port: str) -> str:
+def _inside(name: str, members: Collection[str], endpoint: Endpoint) -> str:
     """Return a port's name once some parts are in a container."""
-    return f"{name}.{part}_{port}" if part in members else f"{part}.{port}"
+    part, port = endpoint
+    return f"{name}.{part}_{port}" if part in members else str(endpoint)
 
 
 def _starts(part: Part) -> Mapping[str, float]:
@@ -166,13 +169,14 @@ def _starts(part: Part) -> Mapping[str, float]:
 def _reason(scenario: Scenario, name: str) -> str:
     """Return why a part cannot be fused; empty if it can."""
     table = scenario.parts[name]
-    if table.kind != "fmu":
+    settings = table.settings
+    if not isinstance(settings, FmuSettings):
         return f"it is no FMU but '{table.kind}'"
-    if is_path(table.settings["fmu"]):
+    if not settings.is_model:
         return "its FMU is a file, and only models that are built here can be fused"
-    if table.settings.get("flavour", "native") != "native":
+    if settings.flavour != "native":
         return "it is of the python flavour"
-    if table.settings.get("isolate", False):
+    if settings.isolate:
         return "it is isolated in a process of its own"
     return ""
 
@@ -181,15 +185,15 @@ def _check_between(system: System, members: Collection[str]) -> None:
     """Refuse a container that others would have to interrupt: it runs at once."""
     after: set[str] = set()
     for name in system.wiring.order:
-        into = [link for link in system.wiring.links if link.target_part == name and not link.delay]
+        into = [link for link in system.wiring.links if link.target.part == name and not link.delay]
         if name not in members and any(
-            link.source_part in members or link.source_part in after for link in into
+            link.source.part in members or link.source.part in after for link in into
         ):
             after.add(name)
-        late = [link for link in into if name in members and link.source_part in after]
+        late = [link for link in into if name in members and link.source.part in after]
         if late:
             raise SteadytipError(
-                f"container of {system.scenario.name}: '{late[0].source_part}' stands between its"
+                f"container of {system.scenario.name}: '{late[0].source.part}' stands between its"
                 f" parts ({late[0]}); fuse it too, leave '{name}' out, or delay that wire"
             )
 
@@ -204,9 +208,9 @@ def _plan(
     from fmu_src.pack.containers import ContainerPlan
 
     links = [
-        MemberLink((link.source_part, link.source), (link.target_part, link.target), link.delay)
+        MemberLink(link.source, link.target, link.delay)
         for link in system.wiring.links
-        if link.source_part in members and link.target_part in members
+        if link.source.part in members and link.target.part in members
     ]
-    models = [(part, str(system.scenario.parts[part].settings["fmu"])) for part in members]
+    models = [(part, system.scenario.parts[part].settings.table["fmu"]) for part in members]
     return ContainerPlan(name, models, links, system.scenario.step_size, starts)

@@ -5,13 +5,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from harness.common.endpoint import Endpoint
 from harness.parts.protocols import Adjustable, Part, Reusable
 from harness.scenario.events import Change
-
-if TYPE_CHECKING:
-    pass
 
 __all__ = ["Event", "events_of", "trouble_of"]
 
@@ -47,21 +45,19 @@ def events_of(
         step: period of the loop [s].
         problems: what is wrong is appended here.
     """
-    from harness.system.endpoint import split
-
     found: list[Event] = []
     for change in sorted(changes, key=lambda each: each.at):
         tick = max(1, math.ceil(change.at / step - 1e-6))
         for name, value in change.set.items():
-            place = split(name, parts)
+            place = Endpoint.find(name, parts)
             if place is None:
                 problems.append(f"change of '{name}': write part.variable; {', '.join(parts)}")
                 continue
-            trouble = trouble_of(parts[place[0]], place[1], value, unconnected)
+            trouble = trouble_of(parts[place.part], place.port, value, unconnected)
             if trouble:
                 problems.append(f"change of '{name}' at {change.at:g} s: {trouble}")
             else:
-                found.append(Event(tick, place[0], {place[1]: value}))
+                found.append(Event(tick, place.part, {place.port: value}))
     if found:
         problems += [
             f"part '{name}' cannot stop in the middle of a run, which changes and faults need"

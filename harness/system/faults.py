@@ -35,7 +35,7 @@ def insert_fault(
     labels: set[str] = set()
     for wire in wires:
         links = list(expand(wire, parts, []))
-        ends = [(f"{k.source_part}.{k.source}", f"{k.target_part}.{k.target}") for k in links]
+        ends = [(str(link.source), str(link.target)) for link in links]
         labels.update(label for both in ends for label in both)
         if not any(place in both for both in ends):
             found.append(wire)
@@ -44,7 +44,7 @@ def insert_fault(
             hit = place in (source, target)
             found.append(Wire(exit if hit else source, target, wire.delay))
             if hit:
-                sources[source] = port_named(parts[link.source_part].outputs, link.source)
+                sources[source] = port_named(parts[link.source.part].outputs, link.source.port)
     if not sources:
         raise SteadytipError(f"no wire begins or ends at '{place}'; {nearest(place, labels)}")
     for source, port in sources.items():
@@ -58,8 +58,6 @@ def insert_faults(
     wires: Sequence[Wire], parts: Mapping[str, Part], faults: Sequence[Fault]
 ) -> tuple[list[Wire], list[str]]:
     """Wires with the parts of the faults in them, and what is wrong with the faults."""
-    from harness.system.faults import insert_fault
-
     found = list(wires)
     problems: list[str] = []
     for place in dict.fromkeys((fault.wire, fault.part) for fault in faults):

@@ -42,7 +42,7 @@ def run_order(where: str, parts: Mapping[str, Part], links: Sequence[Link]) -> t
     before: dict[str, set[str]] = {name: set() for name in parts}
     for link in links:
         if link.delay == 0:
-            before[link.target_part].add(link.source_part)
+            before[link.target.part].add(link.source.part)
     try:
         return tuple(stable_order(before))
     except graphlib.CycleError as error:
@@ -57,7 +57,7 @@ def _cycle_text(cycle: Sequence[str], links: Sequence[Link], parts: Mapping[str,
         between = [
             link
             for link in links
-            if (link.source_part, link.target_part, link.delay) == (source, target, 0)
+            if (link.source.part, link.target.part, link.delay) == (source, target, 0)
         ]
         more = f" and {len(between) - 1} more" if len(between) > 1 else ""
         lines.append(f"\n    {between[0]}{more}")
@@ -74,6 +74,6 @@ def _cycle_text(cycle: Sequence[str], links: Sequence[Link], parts: Mapping[str,
 
 def _without_feedthrough(link: Link, parts: Mapping[str, Part]) -> bool:
     return all(
-        port.depends_on is not None and link.target not in port.depends_on
-        for port in parts[link.target_part].outputs
+        port.depends_on is not None and link.target.port not in port.depends_on
+        for port in parts[link.target.part].outputs
     )

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from harness.common.endpoint import Endpoint
 from harness.common.types import FloatArray
 from harness.parts.protocols import Part
 from harness.system.assembly import System
@@ -86,16 +87,16 @@ def plan_ticks(system: System) -> TickPlan:
         for port in part.outputs:
             places[name, port.name] = len(places)
     width = len(places)
-    links = {(link.target_part, link.target): link for link in system.wiring.links}
+    links = {link.target: link for link in system.wiring.links}
     steps = []
     for name in system.wiring.order:
         part = system.parts[name]
-        into = [link for port in part.inputs if (link := links.get((name, port.name)))]
-        sources = [link.delay * width + places[link.source_part, link.source] for link in into]
+        into = [link for port in part.inputs if (link := links.get(Endpoint(name, port.name)))]
+        sources = [link.delay * width + places[link.source] for link in into]
         steps.append(
             PartStep(
                 part=part,
-                connected=tuple(link.target for link in into),
+                connected=tuple(link.target.port for link in into),
                 initialised=tuple(link.delay == 0 for link in into),
                 sources=np.array(sources, dtype=np.intp),
                 outputs=slice(first[name], first[name] + len(part.outputs)),

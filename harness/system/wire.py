@@ -6,11 +6,11 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
+from harness.common.endpoint import Endpoint
 from harness.common.errors import nearest
 from harness.parts.ports import Port
 from harness.parts.protocols import Part
 from harness.scenario.schema import Wire
-from harness.system.endpoint import split
 
 __all__ = ["Link"]
 
@@ -20,23 +20,19 @@ class Link:
     """One scalar connection.
 
     Attributes:
-        source_part: name of the part that gives the value.
-        source: its output.
-        target_part: name of the part that takes it.
-        target: its input.
+        source: output that gives the value.
+        target: input that takes it.
         delay: ticks.
         wire: the scenario's wire that it comes from.
     """
 
-    source_part: str
-    source: str
-    target_part: str
-    target: str
+    source: Endpoint
+    target: Endpoint
     delay: int
     wire: Wire
 
     def __str__(self) -> str:
-        return f"{self.source_part}.{self.source} -> {self.target_part}.{self.target}"
+        return f"{self.source} -> {self.target}"
 
 
 def label_of(wire: Wire) -> str:
@@ -45,38 +41,36 @@ def label_of(wire: Wire) -> str:
 
 def expand(wire: Wire, parts: Mapping[str, Part], problems: list[str]) -> Iterator[Link]:
     label = label_of(wire)
-    start, end = split(wire.source, parts), split(wire.target, parts)
+    start, end = Endpoint.find(wire.source, parts), Endpoint.find(wire.target, parts)
     for text, found in ((wire.source, start), (wire.target, end)):
         if found is None:
             name = text.partition(".")[0]
             problems.append(f"{label}: there is no part '{name}'; {nearest(name, parts)}")
     if start is None or end is None:
         return
-    (source_part, source), (target_part, target) = start, end
+    source, target = start.port, end.port
     if [source.count("*"), target.count("*")] not in ([0, 0], [1, 1]):
         problems.append(f"{label}: a wire has one '*' on both sides or none at all")
         return
-    outputs = [port.name for port in parts[source_part].outputs]
-    inputs = [port.name for port in parts[target_part].inputs]
+    outputs = [port.name for port in parts[start.part].outputs]
+    inputs = [port.name for port in parts[end.part].inputs]
     if "*" not in source:
-        good = _known(label, parts[source_part], source, "output", problems)
-        if _known(label, parts[target_part], target, "input", problems) and good:
-            yield Link(source_part, source, target_part, target, wire.delay, wire)
+        good = _known(label, parts[start.part], source, "output", problems)
+        if _known(label, parts[end.part], target, "input", problems) and good:
+            yield Link(start, end, wire.delay, wire)
         return
     matched = [star for name in outputs if (star := star_of(source, name)) is not None]
     both = [star for star in matched if target.replace("*", star) in inputs]
     if not both:
         side = "matches an output" if not matched else "matches an input for the same '*'"
         problems.append(
-            f"{label}: nothing {side}; {source_part} gives {', '.join(outputs) or 'nothing'}; "
-            f"{target_part} takes {', '.join(inputs) or 'nothing'}"
+            f"{label}: nothing {side}; {start.part} gives {', '.join(outputs) or 'nothing'}; "
+            f"{end.part} takes {', '.join(inputs) or 'nothing'}"
         )
     for star in both:
         yield Link(
-            source_part,
-            source.replace("*", star),
-            target_part,
-            target.replace("*", star),
+            start._replace(port=source.replace("*", star)),
+            end._replace(port=target.replace("*", star)),
             wire.delay,
             wire,
         )

@@ -35,6 +35,10 @@ class Wiring:
     unconnected: tuple[str, ...]
     notes: tuple[str, ...]
 
+    def into(self, part: str) -> dict[str, Link]:
+        """Return the connections to the inputs of a part, by input."""
+        return {link.target.port: link for link in self.links if link.target.part == part}
+
 
 def connect(where: str, parts: Mapping[str, Part], wires: Sequence[Wire]) -> Wiring:
     """Expand and check wires between parts.
@@ -53,10 +57,10 @@ def connect(where: str, parts: Mapping[str, Part], wires: Sequence[Wire]) -> Wir
     connected: dict[tuple[str, str], Link] = {}
     for wire in wires:
         for link in expand(wire, parts, problems):
-            target = (link.target_part, link.target)
+            target = link.target
             if target in connected:
                 problems.append(
-                    f"input '{link.target_part}.{link.target}' is driven twice: by "
+                    f"input '{link.target}' is driven twice: by "
                     f"{label_of(connected[target].wire)} and by {label_of(link.wire)}; keep one"
                 )
                 continue
@@ -79,8 +83,8 @@ def connect(where: str, parts: Mapping[str, Part], wires: Sequence[Wire]) -> Wir
 
 
 def _compare(link: Link, parts: Mapping[str, Part], problems: list[str]) -> Iterator[str]:
-    source = port_named(parts[link.source_part].outputs, link.source)
-    target = port_named(parts[link.target_part].inputs, link.target)
+    source = port_named(parts[link.source.part].outputs, link.source.port)
+    target = port_named(parts[link.target.part].inputs, link.target.port)
     if source.type != target.type:
         problems.append(
             f"wire '{link}': types differ ({source.type}, {target.type}); "
@@ -90,10 +94,10 @@ def _compare(link: Link, parts: Mapping[str, Part], problems: list[str]) -> Iter
     if source.type != "Real":
         return
     if source.unit is None or target.unit is None:
-        silent = link.source_part if source.unit is None else link.target_part
+        silent = link.source.part if source.unit is None else link.target.part
         yield f"units of '{silent}' are not checked: its FMU declares none"
     elif not source.unit.same_as(target.unit):
         problems.append(
             f"wire '{link}': units differ ({source.unit.name}, {target.unit.name}). "
-            f"Convert in '{link.source_part}', or declare the input in {source.unit.name}."
+            f"Convert in '{link.source.part}', or declare the input in {source.unit.name}."
         )

@@ -46,7 +46,8 @@ _WANTED = {"steadytip --help": "at most 0.3 s", "steadytip run, to its first ste
 @pytest.fixture(scope="module")
 def place(folder: Path) -> Path:
     """Return a folder for the files of runs, whose FMUs are built."""
-    pack.build({table.settings["fmu"] for table in scenario.load("closed_loop").parts.values()})
+    parts = scenario.load("closed_loop").parts.values()
+    pack.build({table.settings.table["fmu"] for table in parts})
     made = folder / "start"
     made.mkdir()
     return made

@@ -33,6 +33,7 @@ from harness.common.errors import nearest
 from harness.common.types import FloatArray
 from harness.parts.fmu import FmuPart
 from harness.parts.protocols import RunContext
+from harness.parts.settings import FmuSettings
 from harness.recordings.turntable import CHANNELS
 from harness.scenario.load import load
 
@@ -166,9 +167,9 @@ def sensors(scenario: str, part: str) -> Mapping[str, Any]:
     if part not in parts:
         raise SteadytipError(f"scenario '{scenario}' has no part '{part}'; {nearest(part, parts)}")
     table = parts[part]
-    if table.kind != "fmu":
+    if not isinstance(table.settings, FmuSettings):
         raise SteadytipError(f"part '{part}' of '{scenario}' is no FMU, and only one can be turned")
-    return table.settings
+    return table.settings.table
 
 
 def _build_sensors(settings: Mapping[str, Any], seed: int) -> FmuPart:

@@ -14,9 +14,10 @@ from harness.can.database import Database
 from harness.can.device_node import DeviceNode
 from harness.can.fault_injection import InjectedFault
 from harness.common.types import FloatArray
-from harness.parts.can.settings import Keys, port_of
+from harness.parts.can.address import address_of, port_of
 from harness.parts.ports import Port
 from harness.parts.protocols import RunContext
+from harness.parts.settings import CanSettings
 
 __all__ = ["BoardPart"]
 
@@ -29,7 +30,7 @@ class BoardPart:
         drift, faults, seed: of `DeviceNode`; set before `start`.
     """
 
-    def __init__(self, name: str, keys: Keys, database: Database) -> None:
+    def __init__(self, name: str, keys: CanSettings, database: Database) -> None:
         self.name = name
         self.keys = keys
         self.database = database
@@ -63,7 +64,7 @@ class BoardPart:
         """Go on the bus; see `Part.start`."""
         self._y = y
         self._y[:] = 0.0
-        address = self.keys.address()
+        address = address_of(self.keys)
         self.node = DeviceNode(
             self.database, self.keys.node, address, run.step, self.drift, self.faults, self.seed
         )

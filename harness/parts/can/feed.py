@@ -20,9 +20,10 @@ from harness.can.database import Database
 from harness.can.timing import Timing
 from harness.common.errors import FaultError
 from harness.common.types import FloatArray
-from harness.parts.can.settings import Keys, port_of
+from harness.parts.can.address import address_of, port_of
 from harness.parts.ports import Port, unit_of
 from harness.parts.protocols import RunContext
+from harness.parts.settings import CanSettings
 
 if TYPE_CHECKING:
     from harness.can.controller_node import ControllerNode
@@ -83,7 +84,7 @@ class Inlet:
 def _node_on_bus(feed: FeedPart, step: float) -> ControllerNode:
     from harness.can.controller_node import ControllerNode
 
-    return ControllerNode(feed.database, feed.keys.node, feed.keys.address(), feed.policy, step)
+    return ControllerNode(feed.database, feed.keys.node, address_of(feed.keys), feed.policy, step)
 
 
 class FeedPart:
@@ -96,7 +97,7 @@ class FeedPart:
         companion: the part that sends.
     """
 
-    def __init__(self, name: str, keys: Keys, database: Database) -> None:
+    def __init__(self, name: str, keys: CanSettings, database: Database) -> None:
         from harness.can.reception import FAULTS
 
         self.name = name

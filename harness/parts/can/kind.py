@@ -4,15 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
-from pydantic import ValidationError
-
 from harness.can.database import load
 from harness.common.errors import ProblemsError, nearest
-from harness.common.validation_errors import explain
 from harness.parts.can.board import BoardPart
 from harness.parts.can.feed import FeedPart
-from harness.parts.can.settings import Keys
 from harness.parts.protocols import Settings
+from harness.parts.settings import CanSettings, check_settings
 
 __all__ = ["KIND"]
 
@@ -28,10 +25,7 @@ class _Kind:
 
     def __call__(self, name: str, settings: Settings, seed: int) -> FeedPart | BoardPart:
         """Make the loop's end of a bus, or the board's; see `Kind`."""
-        try:
-            keys = Keys.model_validate(dict(settings))
-        except ValidationError as error:
-            raise ProblemsError(f"part '{name}'", explain(error, Keys)) from None
+        keys = check_settings(CanSettings, name, settings)
         database = load(keys.can)
         if keys.node not in database.nodes:
             raise ProblemsError(
@@ -42,8 +36,6 @@ class _Kind:
                 ],
             )
         if any(m.role == "sample" for m in database.sent_by(keys.node)):
-            from harness.parts.can.board import BoardPart
-
             return BoardPart(name, keys, database)
         return FeedPart(name, keys, database)
 

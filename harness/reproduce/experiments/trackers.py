@@ -94,7 +94,7 @@ def settings(scenario: str, part: str) -> dict[str, Any]:
             else:
                 yield prefix + name, value
 
-    table = load(scenario).parts[part].settings
+    table = load(scenario).parts[part].settings.table
     return {name: value for name, value in flat(table) if name != "fmu"}
 
 

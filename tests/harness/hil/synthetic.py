@@ -10,8 +10,8 @@ from harness.can.database import load
 from harness.can.fault_injection import parse
 from harness.can.reception import FAULTS
 from harness.parts.can.feed import FeedPart
-from harness.parts.can.settings import Keys
 from harness.parts.ports import Column, Port
+from harness.parts.settings import CanSettings
 from harness.results.recorder import Recorder
 from harness.results.result import Result
 from harness.results.run_metadata import RunMetadata
@@ -54,7 +54,7 @@ def record(
 
     rig = Rig(faults=[parse(fault) for fault in faults], seed=seed, each=row)
     rig.run(ticks)
-    part = FeedPart(FEED, Keys(can="instrument"), load("instrument"))
+    part = FeedPart(FEED, CanSettings(can="instrument"), load("instrument"))
     ports = {port.name: port for port in part.outputs}
     commanded = {port.name: port for port in part.companion.outputs}
     columns = [

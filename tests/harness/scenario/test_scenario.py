@@ -138,12 +138,12 @@ delay = 1
 """
     scenario = load(write(tmp_path, above))
     assert (scenario.seconds, scenario.step_size) == (5.0, 1e-3)
-    a = scenario.parts["a"].settings
+    a = scenario.parts["a"].settings.table
     assert (a["gain"], a["phase"]) == (3.0, 2.0)
     # Paths belong to the file that they stand in; a bare word is no path.
     assert Path(a["fmu"]) == tmp_path / "base/lib/a.fmu"
     assert Path(a["parameters"]) == tmp_path / "set.ssv"
-    assert scenario.parts["b"].settings["fmu"] == "Named"
+    assert scenario.parts["b"].settings.fmu == "Named"
     assert [(wire.source, wire.delay) for wire in scenario.wires] == [("a.x", 0), ("b.y", 1)]
     assert [name for name, _ in scenario.texts] == ["base.toml", "case.toml"]
 
@@ -152,7 +152,7 @@ def test_a_part_that_becomes_another_kind_keeps_nothing_of_the_old_one(tmp_path)
     write(tmp_path, HEAD + '[part.a]\nfmu = "a.fmu"\ngain = 1.0\n', "base.toml")
     scenario = load(write(tmp_path, 'extends = "base.toml"\n[part.a]\nreplay = "r.csv"\n'))
     assert scenario.parts["a"].kind == "replay"
-    assert set(scenario.parts["a"].settings) == {"replay"}
+    assert set(scenario.parts["a"].settings.table) == {"replay"}
 
 
 def test_extending_in_a_circle_is_refused_with_the_circle(tmp_path):
@@ -166,7 +166,7 @@ def test_overrides_win_and_reach_into_parts(tmp_path):
     path = write(tmp_path, HEAD + '[part.a]\nfmu = "a.fmu"\n[part.a.filter]\ngain = 1.0\n')
     scenario = load(path, {"seconds": 9, "part.a.filter.gain": 2.0, "part.a.step_limit": 0.5})
     assert scenario.seconds == 9.0
-    assert scenario.parts["a"].settings["filter"] == {"gain": 2.0}
+    assert scenario.parts["a"].settings.table["filter"] == {"gain": 2.0}
     assert scenario.parts["a"].step_limit == 0.5
 
 
@@ -265,10 +265,10 @@ def test_a_variant_changes_what_it_names_and_nothing_else(tmp_path):
     plain, loud, crossed = (load(path, None, name) for name in (None, "loud", "crossed"))
     assert plain.variants == loud.variants == ("loud", "crossed")
     assert (plain.variant, loud.variant) == (None, "loud")
-    assert [s.parts["a"].settings["gain"] for s in (plain, loud, crossed)] == [1.0, 9.0, 1.0]
+    assert [s.parts["a"].settings.table["gain"] for s in (plain, loud, crossed)] == [1.0, 9.0, 1.0]
     assert [wire.source for wire in loud.wires] == ["a.y"]
     assert [wire.source for wire in crossed.wires] == ["a.z"]
-    assert load(path, {"part.a.gain": 3.0}, "loud").parts["a"].settings["gain"] == 3.0
+    assert load(path, {"part.a.gain": 3.0}, "loud").parts["a"].settings.table["gain"] == 3.0
 
 
 @pytest.mark.parametrize(
@@ -291,7 +291,7 @@ def test_several_scenarios_are_laid_over_each_other(tmp_path):
     write(tmp_path, 'extends = "base.toml"\n[part.a]\ngain = 2.0\n', "one.toml")
     write(tmp_path, 'extends = "base.toml"\n[part.a]\nseed = 5\n', "other.toml")
     both = load(write(tmp_path, 'extends = ["one.toml", "other.toml"]\ntitle = "both"\n'))
-    assert both.parts["a"].settings["seed"] == 5
+    assert both.parts["a"].settings.table["seed"] == 5
     assert len(both.wires) == 1
     assert [name for name, _ in both.texts] == ["base.toml", "one.toml", "other.toml", "case.toml"]
 
@@ -305,7 +305,7 @@ def test_every_variant_of_the_bench_is_wired_and_senses_as_the_loop_does(name):
         scenario = load(name, None, variant)
         ends = [wire.target for wire in scenario.wires]
         assert len(ends) == len(set(ends))
-        assert ("accelerometer_noise" in scenario.parts["sensors"].settings) == noisy
+        assert ("accelerometer_noise" in scenario.parts["sensors"].settings.table) == noisy
         hears = {wire.source.split(".")[0] for wire in scenario.wires if "filter." in wire.target}
         assert ("instrument" in hears) == (variant == "position-known")
 

@@ -5,6 +5,7 @@ import graphlib
 from hypothesis import given
 from hypothesis import strategies as st
 
+from harness.common.endpoint import Endpoint
 from harness.parts.ports import Port
 from harness.ssp.order import Connection, delays, feedthrough, lag, run_order
 
@@ -12,7 +13,7 @@ NAMES = [f"p{i}" for i in range(6)]
 
 
 def wire(source: str, target: str) -> Connection:
-    return Connection(source, f"to_{target}", target, f"from_{source}")
+    return Connection(Endpoint(source, f"to_{target}"), Endpoint(target, f"from_{source}"))
 
 
 GRAPHS = st.tuples(
@@ -24,7 +25,7 @@ GRAPHS = st.tuples(
 
 
 def order_of(parts, connections, without):
-    return run_order(parts, connections, lambda c: c.target_part not in without)
+    return run_order(parts, connections, lambda c: c.target.part not in without)
 
 
 @given(GRAPHS)
@@ -36,8 +37,8 @@ def test_undelayed_connections_leave_no_loop_and_go_forward(graph):
     before: dict[str, set[str]] = {name: set() for name in parts}
     for c in connections:
         if not delayed[c]:
-            before[c.target_part].add(c.source_part)
-            assert order.index(c.source_part) < order.index(c.target_part)
+            before[c.target.part].add(c.source.part)
+            assert order.index(c.source.part) < order.index(c.target.part)
     graphlib.TopologicalSorter(before).prepare()
 
 
@@ -48,9 +49,9 @@ def test_nothing_outside_a_loop_is_delayed(graph):
     reach = {name: {name} for name in parts}
     for _ in parts:
         for c in connections:
-            reach[c.source_part] |= reach[c.target_part]
+            reach[c.source.part] |= reach[c.target.part]
     for c in connections:
-        assert not delayed[c] or c.source_part in reach[c.target_part]
+        assert not delayed[c] or c.source.part in reach[c.target.part]
 
 
 @given(GRAPHS)

@@ -94,7 +94,7 @@ def test_a_container_takes_the_place_of_its_parts(unfused, block, tmp_path) -> N
     """As in another tool: one block, wired by its flat ports."""
     loaded = scenario.load("closed_loop")
     system = assemble(loaded)
-    parts = {n: dict(t.settings) for n, t in loaded.parts.items() if n not in STACKS}
+    parts = {n: t.settings.table for n, t in loaded.parts.items() if n not in STACKS}
     parts["block"] = {"fmu": str(block)}
 
     def port(part: str, name: str) -> str:
@@ -102,12 +102,12 @@ def test_a_container_takes_the_place_of_its_parts(unfused, block, tmp_path) -> N
 
     wires = [
         {
-            "from": port(link.source_part, link.source),
-            "to": port(link.target_part, link.target),
+            "from": port(*link.source),
+            "to": port(*link.target),
             "delay": link.delay,
         }
         for link in system.wiring.links
-        if not {link.source_part, link.target_part} <= set(STACKS)
+        if not {link.source.part, link.target.part} <= set(STACKS)
     ]
     table = {"seconds": SHORT["seconds"], "step_size": loaded.step_size, "seed": loaded.seed}
     file = tmp_path / "blocks.toml"

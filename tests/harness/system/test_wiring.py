@@ -49,8 +49,8 @@ def test_a_star_stands_for_every_suffix_that_both_sides_have():
         part("b", inputs="tip_x tip_y tip_z tip_w"),
         wires=[Wire("a.tip_*", "b.tip_*", 2)],
     )
-    assert [(w.source, w.target, w.delay) for w in wiring.links] == [
-        (f"tip_{axis}", f"tip_{axis}", 2) for axis in "xyz"
+    assert [(str(w.source), str(w.target), w.delay) for w in wiring.links] == [
+        (f"a.tip_{axis}", f"b.tip_{axis}", 2) for axis in "xyz"
     ]
     assert wiring.unconnected == ("b.tip_w",)
 
