@@ -54,7 +54,7 @@ class ReplayPart(RowsPart):
         self.name = name
         self.outputs = PORTS
         keys = check_settings(ReplaySettings, name, settings)
-        self._recording = read_recording(Path(keys.replay))
+        self._recording = read_recording(Path(keys.replay), accept=keys.accept, repair=keys.repair)
         self.seconds = self._recording.seconds
         self._evaluated = (0, 0.0)  # number of ticks, and their period
         self.rows = np.ones((0, len(PORTS)))

@@ -20,6 +20,7 @@ more than 7 times its scale.
 | clipped | values at the end of the range, in runs of 3 entered by a step | 6 values |
 | glitch | e over its scale within half a second | 15, and 3 um; from 20 um on it stops the run |
 | lost-samples | numbers of the samples by their stamps | one |
+| jump | the same, where two neighbours are off by as much to either side | the same |
 | coarse | least difference of two values of an axis | 5 um |
 | sampled-too-slowly | sample rate | 50 Hz; below 35 Hz it stops the run |
 
@@ -29,7 +30,7 @@ At 50, 40, 35 and 25 Hz a spline through the samples of ten recorded hands loses
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -57,6 +58,7 @@ _EVEN = 0.01  # rms distance of stamps from even times, in periods, that no figu
 _HELD_SHARE, _HELD_SPREAD = 0.4, 0.35
 _STUCK = 0.2  # s
 _CLIPPED_RUN, _CLIPPED_ROWS = 3, 6
+_STEP = 0.83  # of its neighbour's error; 2/3 at a glitch, 1 at a step
 _COARSE = 5e-6  # m
 _WINDOW = 0.5  # s
 _WANDER = 4.0  # s, over which the period of an even clock may change
@@ -85,13 +87,16 @@ class Assessment:
     findings: tuple[Finding, ...] = ()
 
 
-def assess_motion(time: FloatArray, position: FloatArray, place: Place) -> Assessment:
+def assess_motion(
+    time: FloatArray, position: FloatArray, place: Place, repair: Collection[str] = ()
+) -> Assessment:
     """Check a motion, and put right what can be put right safely.
 
     Args:
         time: (n,) [s], as stamped.
         position: (n, 3) [m].
         place: returns the name of a row.
+        repair: names of findings to repair that are not repaired unasked: `glitch`.
 
     Returns:
         The motion to use: even times where the stamps were noisy, the samples alone where a table
@@ -120,10 +125,13 @@ def assess_motion(time: FloatArray, position: FloatArray, place: Place) -> Asses
 
     time, clock = _clock(time, position)
     findings += clock
+    if not (np.diff(time) > 0).all():
+        return Assessment(time, position, tuple(findings))
     axes = [*_stuck(time, position, kept_place), *_clipped(position, kept_place)]
     findings += axes
     if not axes:  # the end of a stuck or clipped run looks like one
-        findings += _glitches(time, position, kept_place)
+        position, glitches = _glitches(time, position, kept_place, "glitch" in repair)
+        findings += glitches
     findings += _coarse(position)
     findings += _rate(time)
     return Assessment(time, position, tuple(findings))
@@ -337,8 +345,8 @@ def _stuck(time: FloatArray, position: FloatArray, place: Place) -> Iterator[Fin
         ends = (position[:, axis].min(), position[:, axis].max())
         for first, past in runs(same[:, axis]):
             seconds = float(time[past] - time[first])
-            if seconds < _STUCK or others[first:past].mean() < 0.5:
-                continue
+            if seconds < _STUCK or others[first:past].mean() < 0.5 or same[:, axis].all():
+                continue  # a planar recording is no defect
             if position[first, axis] in ends and np.ptp(position[:, axis]) > 0:
                 continue  # that is a range that ended: see `_clipped`
             yield _stop(
@@ -354,6 +362,8 @@ def _stuck(time: FloatArray, position: FloatArray, place: Place) -> Iterator[Fin
 def _clipped(position: FloatArray, place: Place) -> Iterator[Finding]:
     for axis, name in enumerate("xyz"):
         values = position[:, axis]
+        if not np.ptp(values):
+            continue
         step, quantum = np.abs(np.diff(values)), _quantum(values)
         for end, level in (("largest", values.max()), ("least", values.min())):
             flat = [
@@ -377,12 +387,15 @@ def _clipped(position: FloatArray, place: Place) -> Iterator[Finding]:
                 )
 
 
-def _glitches(time: FloatArray, position: FloatArray, place: Place) -> Iterator[Finding]:
-    error = np.abs(interpolation_error(time, position))
+def _glitches(
+    time: FloatArray, position: FloatArray, place: Place, repair: bool
+) -> tuple[FloatArray, list[Finding]]:
+    """Find samples that are off; return the motion, repaired if that is wanted."""
+    error = interpolation_error(time, position)
     half = max(4, int(_WINDOW / float(np.median(np.diff(time))) / 2))
     found: list[tuple[float, int, int]] = []
     for axis in range(3):
-        e = error[:, axis]
+        e = np.abs(error[:, axis])
         scale = 1.4826 * ndimage.median_filter(e, 2 * half + 1, mode="reflect")
         # The error of a neighbour of a glitch is two thirds of it: only the largest counts.
         peak = e >= ndimage.maximum_filter1d(e, 5)
@@ -390,21 +403,39 @@ def _glitches(time: FloatArray, position: FloatArray, place: Place) -> Iterator[
         rows = np.flatnonzero(peak & (e > GLITCH * scale) & (e > floor))
         found += [(float(e[row]), int(row), axis) for row in rows]
     if not found:
-        return
+        return position, []
     size, row, axis = max(found)
+    beside = max((error[row - 1, axis], error[row + 1, axis]), key=abs)
+    if -beside * np.sign(error[row, axis]) > _STEP * size:
+        first = row if abs(error[row - 1, axis]) > abs(error[row + 1, axis]) else row + 1
+        return position, [
+            _stop(
+                "jump",
+                f"{place(first)}, at {time[first] - time[0]:.4f} s",
+                f"{'xyz'[axis]} jumps by {2e3 * size:.3g} mm and stays there",
+                "Cut the recording there",
+            )
+        ]
     more = f", and {len(found) - 1} smaller ones" if len(found) > 1 else ""
-    finding = _stop if size >= GLITCH_STOPS else _note
-    yield finding(
-        "glitch",
-        f"{place(row)}, at {time[row] - time[0]:.4f} s{more}",
-        f"{'xyz'[axis]} is off by {size * 1e3:.3g} mm in one sample",
-        "Remove the row, or have it replaced by what its neighbours say: --repair glitch",
-    )
+    where = f"{place(row)}, at {time[row] - time[0]:.4f} s{more}"
+    text = f"{'xyz'[axis]} is off by {size * 1e3:.3g} mm in one sample"
+    cure = "Remove the row, or have it replaced by what its neighbours say: --repair glitch"
+    if not repair:
+        finding = _stop if size >= GLITCH_STOPS else _note
+        return position, [finding("glitch", where, text, cure)]
+    position = position.copy()
+    for _, row, axis in found:
+        position[row, axis] -= error[row, axis]
+    text += "; its neighbours' cubic takes its place"
+    return position, [Finding("glitch", "repaired", where, text, "Look for its cause")]
 
 
 def _coarse(position: FloatArray) -> Iterator[Finding]:
     for axis, name in enumerate("xyz"):
-        if (least := _quantum(position[:, axis])) > _COARSE:
+        values = position[:, axis]
+        least = _quantum(values)
+        steps = (values - values.min()) / least if least else values
+        if least > _COARSE and np.abs(steps - np.round(steps)).max() < 0.01:
             yield _note(
                 "coarse",
                 f"column {name}",

@@ -17,9 +17,7 @@ from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.quality import non_finite_problems, runs, time_problems
 from harness.recordings.tables import (
-    LENGTHS,
     TIME,
-    VOLTAGES,
     ColumnMapping,
     DataTable,
     FoundColumn,
@@ -28,6 +26,7 @@ from harness.recordings.tables import (
     find_time,
     read_table,
 )
+from harness.recordings.units import LENGTHS, VOLTAGES
 
 __all__ = ["StackResponse", "check", "read_response", "turning_points"]
 

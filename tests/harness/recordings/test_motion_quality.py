@@ -113,6 +113,31 @@ def test_a_glitch_is_named_with_place_and_size():
     assert finding.where == "row 1234, at 4.9360 s"
 
 
+def test_a_jump_is_no_glitch():
+    time, position = hands.draw_hand(3)
+    position[1234:, 1] += 2e-4
+    (finding,) = assess_motion(time, position, place).findings
+    assert (finding.name, finding.severity) == ("jump", "stop")
+    assert "y jumps by 0.2 mm" in finding.text
+    assert finding.where == "row 1234, at 4.9360 s"
+
+
+def test_a_glitch_is_repaired_where_that_is_asked_for():
+    time, position = hands.draw_hand(3)
+    bad = position.copy()
+    bad[1234, 1] += 2e-4
+    used = assess_motion(time, bad, place, ["glitch"])
+    assert [(f.name, f.severity) for f in used.findings] == [("glitch", "repaired")]
+    assert np.abs(used.position - position).max() < 2e-6
+    assert abs(bad[1234, 1] - position[1234, 1]) > 1e-4  # the recording itself is left alone
+
+
+def test_a_planar_recording_is_no_defect():
+    time, position = hands.draw_hand(3)
+    position[:, 2] = 0.0
+    assert names(time, position) == set()
+
+
 def test_a_small_glitch_does_not_stop_a_run():
     time, position = hands.draw_hand(3)
     position[1234, 1] += 6e-6
