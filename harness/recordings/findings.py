@@ -31,8 +31,10 @@ class Finding:
     text: str
     cure: str
 
-    def __str__(self) -> str:
-        return f"{self.name}: {self.text} ({self.where}). {self.cure}."
+    @property
+    def sentence(self) -> str:
+        """The finding in one line, with its name, its place and a cure."""
+        return f"{self.name}: {self.text} ({self.where}). {self.cure}"
 
 
 class FindingsError(SteadytipError):
@@ -62,5 +64,5 @@ def refuse(source: object, findings: Iterable[Finding], accepted: Collection[str
     stopping = [f for f in findings if f.severity == "stop" and f.name not in accepted]
     if stopping:
         names = " ".join(f"--accept {name}" for name in dict.fromkeys(f.name for f in stopping))
-        found = " ".join(map(str, stopping))
+        found = " ".join(f"{finding.sentence}." for finding in stopping)
         raise FindingsError(f"recording {source}: {found} To go on all the same: {names}", findings)
