@@ -5,7 +5,8 @@ from __future__ import annotations
 import os
 import platform
 import tempfile
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Collection, Mapping
+from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Protocol
@@ -64,6 +65,8 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     variant: str | None = None,
     out: str | os.PathLike[str] | None = None,
+    accept: Collection[str] = (),
+    repair: Collection[str] = (),
     csv: bool = False,
     report: bool = True,
     fuse: bool = False,
@@ -78,6 +81,8 @@ def run(
         overrides: values by dotted key, put in place of the scenario's, `{"part.hand.seed": 3}`.
         variant: which of the scenario's variants.
         out: folder for the results; by default `build/runs/SCENARIO[-VARIANT][-RECORDING]`.
+        accept: names of findings about recordings to go on with, as `glitch`.
+        repair: names of findings about recordings to repair, as `glitch`.
         csv: write the signals as CSV, too.
         report: write `report.html`.
         fuse: run what can be fused as one FMU; see `harness.system.container`.
@@ -86,10 +91,12 @@ def run(
 
     Raises:
         RunError: the run ended early; its `result` holds what was recorded until then.
+        FindingsError: the recording has defects that make figures meaningless; nothing was run.
         SteadytipError: a mistake in the scenario, the recording, or an FMU; nothing was run.
     """
     checked = scenarios.load(scenario, overrides, variant)
-    system = assemble(checked, Path(motion) if motion is not None else None, status)
+    recording = Path(motion) if motion is not None else None
+    system = assemble(checked, recording, status, accept=accept, repair=repair)
     on_bus = [name for name, table in checked.parts.items() if is_on_bus(table)]
     if on_bus:
         raise SteadytipError(
@@ -135,6 +142,9 @@ def perform(
         )
     for note in system.notes:
         status(note)
+    for name, found in system.findings.items():
+        for finding in found:
+            status(f"{name}: {finding.sentence}")
     metadata = metadata_of(system)
     step = system.scenario.step_size
     recorder = Recorder(folder, system.columns, step, metadata, patient=session is None)
@@ -236,6 +246,11 @@ def metadata_of(system: System) -> RunMetadata:
             for event in system.events
         ],
         notes=list(system.notes),
+        findings=[
+            {"part": name, **asdict(finding)}
+            for name, found in system.findings.items()
+            for finding in found
+        ],
         parts={name: part.metadata() for name, part in system.parts.items()},
         versions={
             "steadytip": fmu_src.__version__,

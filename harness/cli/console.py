@@ -160,7 +160,11 @@ def comparison_table(runs: Mapping[str, Mapping[str, Metric]]) -> Table:
 
     for run, metrics in runs.items():
         row(run, [[metrics[name]] if name in metrics else [] for name in _COMPARED])
-    row("mean", [[m[name] for m in runs.values() if name in m] for name in _COMPARED])
+    of_all = [[m[name] for m in runs.values() if name in m] for name in _COMPARED]
+    row("mean", of_all)
+    missing = [run for run, metrics in runs.items() if _COMPARED[0] not in metrics]
+    if missing and len(missing) < len(runs):
+        table.caption = f"The mean leaves out {', '.join(missing)}: nothing there could be reduced."
     return table
 
 

@@ -17,6 +17,14 @@ def run(
         list[Path] | None,
         typer.Option(help="Recording of hand motion to replay, or a folder of them; one run each."),
     ] = None,
+    accept: Annotated[
+        list[str] | None,
+        typer.Option(help="Go on in spite of a finding about the recording, by its name."),
+    ] = None,
+    repair: Annotated[
+        list[str] | None,
+        typer.Option(help="Repair a finding about the recording, by its name: glitch."),
+    ] = None,
     variant: Annotated[
         list[str] | None,
         typer.Option(help="Variant of the scenario; all of them by default, where it has any."),
@@ -71,6 +79,8 @@ def run(
                     motion=path,
                     overrides=settings,
                     variant=each,
+                    accept=accept or (),
+                    repair=repair or (),
                     out=out / "-".join(words) if out and len(todo) > 1 else out,
                     csv=csv,
                     report=each is None if report is None else report,

@@ -16,7 +16,7 @@ from harness.report.terminal import bar, printed, say
 if TYPE_CHECKING:
     from harness.report.page import Table
 
-__all__ = ["CommandOutput", "Out", "Progress", "Quiet", "Rate", "Report", "column"]
+__all__ = ["Accept", "CommandOutput", "Out", "Progress", "Quiet", "Rate", "Report", "column"]
 
 Progress = Callable[[int, int], None]
 """Takes the number of steps done and of all steps."""
@@ -32,6 +32,10 @@ Out = Annotated[
 Rate = Annotated[
     float | None,
     typer.Option(metavar="HZ", help="Samples in a second, for tables without time."),
+]
+Accept = Annotated[
+    list[str] | None,
+    typer.Option(help="Write the parameter file in spite of a finding, by its name."),
 ]
 Report = Annotated[bool, typer.Option(help="Write the HTML page beside the parameter file.")]
 Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print errors only.")]

@@ -8,6 +8,7 @@ any predictor behind it would look better than it is. Nothing is extrapolated ei
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -53,8 +54,9 @@ class ReplayPart(RowsPart):
         self.name = name
         self.outputs = PORTS
         keys = check_settings(ReplaySettings, name, settings)
-        self._recording = read_recording(Path(keys.replay))
+        self._recording = read_recording(Path(keys.replay), accept=keys.accept, repair=keys.repair)
         self.seconds = self._recording.seconds
+        self.findings = self._recording.findings
         self._evaluated = (0, 0.0)  # number of ticks, and their period
         self.rows = np.ones((0, len(PORTS)))
 
@@ -77,4 +79,5 @@ class ReplayPart(RowsPart):
             "file": self._recording.path.name,
             "seconds": self.seconds,
             "samples": len(self._recording.time),
+            "findings": [asdict(finding) for finding in self.findings],
         }

@@ -94,11 +94,15 @@ class ReplaySettings(KindSettings):
 
     Attributes:
         replay: path of the recording.
+        accept: names of findings about it to go on with; see `recordings.motion_quality`.
+        repair: names of findings to repair that are not repaired unasked.
     """
 
     files = ("replay",)
 
     replay: str
+    accept: list[str] = []
+    repair: list[str] = []
 
 
 class CanSettings(KindSettings):

@@ -3,24 +3,37 @@
 Two layouts are read:
 
 - a table (see `tables`) whose headings name columns with their units, `time [s], x [mm], y [mm],
-  z [mm]`, in any order; other columns are ignored;
+  z [mm]`, in any order; other columns are ignored. A `ColumnMapping` names columns, units and the
+  rate that the file does not say;
 - the M2S2 layout without a header: sample index, x, y, z [mm], grip force, at 250 Hz. The first
   row with x = y = z = 0 ends the recording.
+
+What a recording is worth is checked by `motion_quality`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from fmu_src.errors import SteadytipError
-from harness.common.errors import nearest
 from harness.common.types import FloatArray
-from harness.recordings.tables import LENGTHS, TIMES, DataTable, read_table
+from harness.recordings.findings import Finding, refuse
+from harness.recordings.motion_quality import assess_motion
+from harness.recordings.tables import (
+    TIME,
+    ColumnMapping,
+    DataTable,
+    Role,
+    find_columns,
+    find_time,
+    read_table,
+)
+from harness.recordings.units import LENGTHS
 
 __all__ = ["Recording", "read_recording", "recordings"]
 
@@ -33,7 +46,10 @@ _MIN_SECONDS = 1.0
 _MAX_GAP = 10.0  # sample periods; beyond that the spline would invent the motion
 _MAX_SPEED = 1.0  # m/s, guess: a hundred times what a hand does under the microscope
 
-_COLUMNS = {"time": TIMES, "x": LENGTHS, "y": LENGTHS, "z": LENGTHS}
+_AXES = [
+    Role(axis, (axis, f"pos_{axis}", f"position_{axis}"), LENGTHS, quantity="length")
+    for axis in "xyz"
+]
 
 
 @dataclass(frozen=True)
@@ -44,11 +60,13 @@ class Recording:
         path: file that it comes from.
         time: (n,) [s], from 0 on, rising.
         position: (n, 3) [m] in W, from 0 on.
+        findings: what was found in it.
     """
 
     path: Path
     time: FloatArray
     position: FloatArray
+    findings: tuple[Finding, ...] = ()
 
     @property
     def seconds(self) -> float:
@@ -71,17 +89,34 @@ def recordings(paths: Iterable[Path]) -> list[Path]:
     return found
 
 
-def read_recording(path: Path) -> Recording:
-    """Read and check a recording; nothing is smoothed, resampled or repaired.
+def read_recording(
+    path: Path,
+    mapping: ColumnMapping | None = None,
+    accept: Collection[str] = (),
+    repair: Collection[str] = (),
+) -> Recording:
+    """Read and check a recording; nothing is smoothed.
+
+    Even times take the place of noisy stamps, and samples that a table holds over several rows are
+    taken once; the findings say so.
+
+    Args:
+        path: text table or Parquet.
+        mapping: columns, units and rate, as far as the file does not say.
+        accept: names of findings to go on with.
+        repair: names of findings to repair that are not repaired unasked.
 
     Raises:
+        FindingsError: it has defects that make figures meaningless.
         SteadytipError: no such file, empty, too short, ragged, not numbers, not finite, time not
-            rising, units missing or unknown, gaps or jumps; with the line and a cure.
+            rising, units missing or unknown, gaps; with the line and a cure.
     """
+    mapping = mapping or ColumnMapping()
     table = read_table(path, 4, "four are needed, time and x, y, z", _MIN_SAMPLES)
-    if any(table.headings):
-        time, *axes = (_column(table, name, units) for name, units in _COLUMNS.items())
-        position = np.column_stack(axes)
+    if any(table.headings) or mapping.columns or mapping.rate:
+        found = find_columns(table, [TIME, *_AXES], mapping)
+        time = find_time(table, found, mapping).values
+        position = np.column_stack([found[axis.name].values for axis in _AXES])
     elif len(table.headings) == _M2S2_COLUMNS and not table.above:
         index, *axes = (table.numbers(column) for column in range(4))
         position = np.column_stack(axes) * LENGTHS["mm"]
@@ -93,47 +128,36 @@ def read_recording(path: Path) -> Recording:
             f"recording {path}, {table.place(0)}: {len(table.headings)} columns without a header; "
             "put 'time [s], x [mm], y [mm], z [mm]' with the right units into the first line"
         )
-    _check(path, table.place, time, position)
-    return Recording(path, time - time[0], position - position[0])
+    _check_values(path, table, time, position)
+    used = assess_motion(time, position, table.place, repair)
+    refuse(path, used.findings, accept)
+    _check_times(path, table, used.time, used.position)
+    return Recording(
+        path, used.time - used.time[0], used.position - used.position[0], used.findings
+    )
 
 
-def _column(table: DataTable, name: str, units: Mapping[str, float]) -> FloatArray:
-    """Return the column of a name in SI, (rows,)."""
-    names = [heading.lower() for heading in table.headings]
-    if name not in names:
-        raise SteadytipError(
-            f"recording {table.path} has no column '{name}'; {nearest(name, filter(None, names))} "
-            "The first line should read as in 'time [s], x [mm], y [mm], z [mm]'."
-        )
-    index = names.index(name)
-    unit = table.units[index]
-    if unit not in units:
-        raise SteadytipError(
-            f"recording {table.path}: column '{name}' "
-            + (f"is in '{unit}'" if unit else "does not say its unit")
-            + f"; write '{name} [{next(iter(units))}]', or one of {', '.join(units)}"
-        )
-    return table.numbers(index) * units[unit]
-
-
-def _check(path: Path, place: Callable[[int], str], time: FloatArray, position: FloatArray) -> None:
+def _check_values(path: Path, table: DataTable, time: FloatArray, position: FloatArray) -> None:
     finite = np.isfinite(time) & np.isfinite(position).all(axis=1)
     if not finite.all():
         row = int(np.argmin(finite))
         shown = ", ".join(f"{value:g}" for value in (time[row], *position[row]))
         raise SteadytipError(
-            f"recording {path}, {place(row)}: not finite (time, x, y, z = {shown} in s, m); "
+            f"recording {path}, {table.place(row)}: not finite (time, x, y, z = {shown} in s, m); "
             "cut the recording there"
         )
     if len(time) < _MIN_SAMPLES:
         raise SteadytipError(
             f"recording {path} has {len(time)} samples; at least {_MIN_SAMPLES} are needed"
         )
+
+
+def _check_times(path: Path, table: DataTable, time: FloatArray, position: FloatArray) -> None:
     period = np.diff(time)
     if (period <= 0.0).any():
         row = int(np.argmax(period <= 0.0))
         raise SteadytipError(
-            f"recording {path}, {place(row + 1)}: time goes from {time[row]:.9g} s to "
+            f"recording {path}, {table.place(row + 1)}: time goes from {time[row]:.9g} s to "
             f"{time[row + 1]:.9g} s; it has to rise. Sort the rows, or remove the repeated ones."
         )
     if time[-1] - time[0] < _MIN_SECONDS:
@@ -145,7 +169,7 @@ def _check(path: Path, place: Callable[[int], str], time: FloatArray, position: 
     if (period > gap).any():
         row = int(np.argmax(period > gap))
         raise SteadytipError(
-            f"recording {path}, {place(row + 1)}: a gap of {period[row]:.3g} s, more than "
+            f"recording {path}, {table.place(row + 1)}: a gap of {period[row]:.3g} s, more than "
             f"{_MAX_GAP:g} sample periods; cut the recording there"
         )
     speed = np.linalg.norm(np.diff(position, axis=0), axis=1) / period
@@ -153,7 +177,7 @@ def _check(path: Path, place: Callable[[int], str], time: FloatArray, position: 
         row = int(np.argmax(speed > _MAX_SPEED))
         jump = math.dist(position[row], position[row + 1])
         raise SteadytipError(
-            f"recording {path}, {place(row + 1)}: a jump of {jump * 1e3:.3g} mm within "
+            f"recording {path}, {table.place(row + 1)}: a jump of {jump * 1e3:.3g} mm within "
             f"{period[row] * 1e3:.3g} ms ({speed[row]:.3g} m/s, no hand does more than "
             f"{_MAX_SPEED:g} m/s); check the units, or cut the recording there"
         )

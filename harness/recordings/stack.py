@@ -17,9 +17,7 @@ from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.quality import non_finite_problems, runs, time_problems
 from harness.recordings.tables import (
-    LENGTHS,
     TIME,
-    VOLTAGES,
     ColumnMapping,
     DataTable,
     FoundColumn,
@@ -28,8 +26,9 @@ from harness.recordings.tables import (
     find_time,
     read_table,
 )
+from harness.recordings.units import LENGTHS, VOLTAGES
 
-__all__ = ["StackResponse", "check", "read_response", "turning_points"]
+__all__ = ["StackResponse", "check", "moved_by", "read_response", "turning_points"]
 
 FEWEST_SAMPLES = 500
 """Fewer samples cannot hold loops of every size."""
@@ -49,6 +48,8 @@ MOVED = 0.02
 """Share of the other signal's range that shows that this one should have moved."""
 SETTLING = 10e-3
 """Time that a stroke takes to follow a voltage that has come to rest [s]."""
+ZERO, OFFSET = 1e-3, 0.02
+"""Share of the voltage that counts as 0 V; least share of the stroke that is an offset."""
 TOGETHER = 0.5
 """Least correlation of voltage and displacement; loops of 30 % have 0.97."""
 
@@ -130,9 +131,25 @@ def read_response(
         time, lines = time[late:], lines[late:]
     table = replace(table, lines=lines)
     notes = check(f"recording {path}", time, volts, stroke, fewest_reversals, table.place)
+    offset = _offset_at_rest(volts, stroke)
+    if offset:
+        stroke = stroke - offset
+        text = f"the displacement is {1e6 * offset:.4g} um at rest at 0 V: that is taken off"
+        notes = (*notes, text)
     period = float((time[-1] - time[0]) / (len(time) - 1))
     columns = {role: column.text for role, column in found.items()}
     return StackResponse(path, columns, time - time[0], volts, stroke, period, notes)
+
+
+def moved_by(response: StackResponse, rows: int) -> StackResponse:
+    """Return a response whose displacement stands some rows earlier."""
+    end = len(response.time) - rows
+    return replace(
+        response,
+        time=response.time[rows:] - response.time[rows],
+        volts=response.volts[:end],
+        stroke=response.stroke[rows:],
+    )
 
 
 def _refuse_time(table: DataTable, volts: FoundColumn) -> None:
@@ -225,6 +242,20 @@ def turning_points(values: FloatArray, dead_band: float) -> FloatArray:
                 found += [low] * -direction
                 direction, high = 1, k
     return np.array([*found, len(listed) - 1])
+
+
+def _offset_at_rest(volts: FloatArray, stroke: FloatArray) -> float:
+    """Return the sensor's offset [m], if the recording begins at rest at 0 V; else 0.
+
+    Operators begin unloaded: a stroke that does not would be taken for hysteresis.
+    """
+    span = float(np.ptp(volts))
+    moved = np.flatnonzero(np.abs(volts) > ZERO * span)
+    rest = stroke[: moved[0]] if len(moved) else stroke
+    if len(rest) < FLAT_SAMPLES:
+        return 0.0
+    offset = float(np.median(rest))
+    return offset if abs(offset) > OFFSET * float(np.ptp(stroke)) else 0.0
 
 
 def _range_problems(volts: FloatArray, stroke: FloatArray) -> Iterator[str]:

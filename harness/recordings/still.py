@@ -13,7 +13,6 @@ from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.quality import non_finite_problems, select_samples, time_problems
 from harness.recordings.tables import (
-    QUANTITIES,
     TIME,
     ColumnMapping,
     DataTable,
@@ -22,6 +21,7 @@ from harness.recordings.tables import (
     find_time,
     read_table,
 )
+from harness.recordings.units import QUANTITIES
 
 __all__ = ["StillSignal", "read_still_signals"]
 

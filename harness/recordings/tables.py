@@ -13,23 +13,22 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import numpy as np
 
-from fmu_src.device.design import STANDARD_GRAVITY
 from fmu_src.errors import SteadytipError
 from harness.common.errors import nearest
 from harness.common.files import reason, replacing
 from harness.common.types import FloatArray
+from harness.recordings.text_table import TextTable, as_csv, cut, read_text_table
+from harness.recordings.units import KNOWN_UNITS, TIMES, factor_to_si, plain_unit
+
+if TYPE_CHECKING:
+    import pyarrow as pa
 
 __all__ = [
-    "ANGLES",
-    "LENGTHS",
-    "QUANTITIES",
-    "TEMPERATURES",
     "TIME",
-    "TIMES",
-    "VOLTAGES",
     "ColumnMapping",
     "DataTable",
     "FoundColumn",
@@ -40,38 +39,8 @@ __all__ = [
     "write_table",
 ]
 
-LENGTHS: Mapping[str, float] = {"m": 1.0, "mm": 1e-3, "um": 1e-6, "nm": 1e-9}
-VOLTAGES: Mapping[str, float] = {"V": 1.0, "mV": 1e-3, "kV": 1e3}
-TIMES: Mapping[str, float] = {"s": 1.0, "ms": 1e-3, "us": 1e-6}
-ANGLES: Mapping[str, float] = {"rad": 1.0, "deg": math.pi / 180}
-TEMPERATURES: Mapping[str, float] = {"degC": 1.0}
-_ACCELERATIONS = {"m/s2": 1.0, "mg": 1e-3 * STANDARD_GRAVITY, "g": STANDARD_GRAVITY}
-_RATES = {"rad/s": 1.0, "deg/s": math.pi / 180}
-_FIELDS = {"T": 1.0, "mT": 1e-3, "uT": 1e-6, "nT": 1e-9, "gauss": 1e-4, "G": 1e-4}
-QUANTITIES: Mapping[str, Mapping[str, float]] = {
-    "m": LENGTHS,
-    "V": VOLTAGES,
-    "s": TIMES,
-    "rad": ANGLES,
-    "degC": TEMPERATURES,
-    "m/s2": _ACCELERATIONS,
-    "rad/s": _RATES,
-    "T": _FIELDS,
-}
-"""For each SI unit, the known units by name and their factors to it."""
-
-_KNOWN_UNITS = {unit for units in QUANTITIES.values() for unit in units}
 _HEADING = re.compile(r"^\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*$")
 _SUFFIX = re.compile(r"^(?P<name>.+?)[_ ]+(?:in[_ ]+)?(?P<unit>[a-zA-Zµμ]+)$")
-_PREAMBLE = 200  # lines above the numbers, at most
-_COMMENT = "#%"
-_SPELLINGS = {
-    **{"volt": "V", "volts": "V", "v": "V", "mv": "mV", "kv": "kV"},
-    **{"degree": "deg", "degrees": "deg", "°": "deg", "radian": "rad", "radians": "rad"},
-    **{"°c": "degC", "celsius": "degC", "degc": "degC", "dps": "deg/s", "°/s": "deg/s"},
-    **{"m/s^2": "m/s2", "m/s²": "m/s2", "ut": "uT", "nt": "nT"},
-    **{"sec": "s", "seconds": "s", "micron": "um", "microns": "um", "metre": "m", "meter": "m"},
-}
 
 
 @dataclass(frozen=True)
@@ -149,6 +118,7 @@ class DataTable:
         row: "line" or "row", for messages.
         above: number of lines above the numbers that are not blank.
         broken: message about the first cell without a number, by index of the column.
+        origins: what was taken off the values of a column, in its unit, by index of the column.
     """
 
     path: Path
@@ -159,6 +129,7 @@ class DataTable:
     row: str = "line"
     above: int = 0
     broken: Mapping[int, str] = field(default_factory=dict)
+    origins: Mapping[int, float] = field(default_factory=dict)
 
     def describe(self, index: int) -> str:
         """Return the number and the name of a column."""
@@ -272,9 +243,9 @@ def find_columns(
             )
     signals = {}
     for index, role in taken.items():
-        unit = _unit(table, role, index, mapping.units.get(role.quantity or role.name))
+        unit, factor = _unit(table, role, index, mapping.units.get(role.quantity or role.name))
         text = f"{table.describe(index)} in {unit}"
-        signals[role.name] = FoundColumn(table.numbers(index) * role.units[unit], text, index)
+        signals[role.name] = FoundColumn(table.numbers(index) * factor, text, index)
     return signals
 
 
@@ -346,82 +317,164 @@ def _read_parquet(path: Path) -> DataTable:
         raise SteadytipError(f"recording {path} is not Parquet: {error}") from None
     fields, columns = [], []
     for field_, column in zip(table.schema, table.columns, strict=True):
-        try:
-            numbers = column.cast(pa.float64(), safe=False)
-        except pa.ArrowException:
-            continue
-        if not pa.types.is_boolean(field_.type):
+        if (found := _parquet_numbers(column.combine_chunks())) is not None:
             fields.append(field_)
-            columns.append(numbers.to_numpy())
+            columns.append(found)
     if not columns:
         raise SteadytipError(f"recording {path} has no numeric column")
     names, own = _split([field_.name for field_ in fields])
-    below = [(field_.metadata or {}).get(b"unit", b"").decode() for field_ in fields]
+    below = [
+        column.unit or (field_.metadata or {}).get(b"unit", b"").decode()
+        for field_, column in zip(fields, columns, strict=True)
+    ]
     units = tuple(unit or other for unit, other in zip(own, below, strict=True))
     lines = np.arange(1.0, len(table) + 1)
-    return DataTable(path, names, units, np.column_stack(columns), lines, "row")
+    values = np.column_stack([column.values for column in columns])
+    origins = {i: column.origin for i, column in enumerate(columns) if column.origin}
+    return DataTable(path, names, units, values, lines, "row", origins=origins)
+
+
+def _parquet_numbers(column: pa.Array) -> _Numbers | None:
+    """Return the numbers of a column, dates as seconds since the first; None if it has none."""
+    import pyarrow as pa
+
+    kind = column.type
+    if pa.types.is_timestamp(kind) or pa.types.is_duration(kind) or pa.types.is_time(kind):
+        wide = pa.timestamp("ns") if pa.types.is_timestamp(kind) else pa.duration("ns")
+        if pa.types.is_time(kind):
+            wide = pa.time64("ns")
+        whole = column.cast(wide).cast(pa.int64()).to_numpy(zero_copy_only=False)
+        return _Numbers((whole - whole[0]) * 1e-9, unit="s", origin=float(whole[0]) * 1e-9)
+    if pa.types.is_integer(kind) and len(column) and column[0].as_py() is not None:
+        first = column[0].as_py()
+        if abs(first) > 2**53 and not column.null_count:
+            whole = column.cast(pa.int64()).to_numpy(zero_copy_only=False)
+            return _Numbers((whole - first).astype(float), origin=float(first))
+    try:
+        numbers = column.cast(pa.float64(), safe=False)
+    except pa.ArrowException:
+        return None
+    return None if pa.types.is_boolean(kind) else _Numbers(numbers.to_numpy(zero_copy_only=False))
 
 
 def _read_text(path: Path, fewest: int, needed: str) -> DataTable:
-    try:
-        content = path.read_bytes()
-    except OSError as error:
-        raise SteadytipError(f"recording {path} cannot be read: {error.strerror}") from None
-    if b"\0" in content[:4096]:
-        raise SteadytipError(
-            f"recording {path} is not a text table; save it as CSV, or as Parquet with that ending"
-        )
-    try:
-        text = content.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = content.decode("latin-1")  # every byte has a meaning there, µ among them
-    rows = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip()]
-    if not rows:
-        raise SteadytipError(f"recording {path} is empty")
-    if len(rows) == 1 and not any(map(_is_number, re.split(r"[;,\s]+", rows[0][1]))):
+    text = read_text_table(path, fewest, needed)
+    if text is None:
         return DataTable(path, (), (), np.empty((0, 0)), np.empty(0))
-    begin, delimiter, comma = _begin(path, rows, fewest, needed)
-    above = [line.strip().lstrip(_COMMENT).strip() for _, line in rows[:begin]]
-    width = len(_cut(rows[begin][1], delimiter))
-    if rows[begin][1].rstrip().endswith(delimiter or "\n"):
-        # The last cell of the first row may be empty below a heading.
-        width += any(len(_cut(line, delimiter)) == width + 1 for line in above)
-    headings, units = _headings(above, delimiter, width)
-    body = [(n, line) for n, line in rows[begin:] if line.lstrip()[0] not in _COMMENT]
-    values, broken = _numbers(path, body, delimiter, comma, headings)
-    lines = np.array([float(n) for n, _ in body])
-    return DataTable(path, headings, units, values, lines, above=begin, broken=broken)
-
-
-def _begin(
-    path: Path, rows: Sequence[tuple[int, str]], fewest: int, needed: str
-) -> tuple[int, str | None, bool]:
-    """Find the first row of numbers, the separator, and whether there are decimal commas."""
-    # A row with one number may be cut short by the wrong separator: two or more come first.
-    for least in sorted({2, fewest}, reverse=True):
-        for index, (_, line) in enumerate(rows[:_PREAMBLE]):
-            if line.lstrip()[0] in _COMMENT:
-                continue
-            for delimiter in (";", "\t", ",", None):
-                fields = _cut(line, delimiter)
-                if len(fields) < least:
-                    continue
-                comma = delimiter != "," and any("," in field for field in fields)
-                numbers = [_is_number(f.replace(",", ".") if comma else f) for f in fields]
-                # A column that nobody uses may hold texts.
-                if sum(numbers) >= least:
-                    return index, delimiter, comma
-    raise SteadytipError(
-        f"recording {path} has no numeric columns in its first {min(len(rows), _PREAMBLE)} lines "
-        f"(line {rows[0][0]}: '{rows[0][1].strip()[:60]}'); {needed}, separated by commas, "
-        "semicolons, tabs or blanks"
+    headings, units = _headings(text.above, text.delimiter, text.width)
+    columns = [_numbers(cells) for cells in _cells(path, text)]
+    broken = {}
+    for index, column in enumerate(columns):
+        if column.broken is not None:
+            row, cell = column.broken
+            named = f" ('{headings[index]}')" if headings[index] else ""
+            shown = f"'{cell}' is not a number" if cell else "nothing stands there"
+            broken[index] = (
+                f"recording {path}, line {text.lines[row]}, column {index + 1}{named}: {shown}; "
+                "remove the line or complete it"
+            )
+    return DataTable(
+        path,
+        headings,
+        tuple(column.unit or unit for column, unit in zip(columns, units, strict=True)),
+        np.column_stack([column.values for column in columns]),
+        np.array(text.lines, float),
+        above=len(text.above),
+        broken=broken,
+        origins={i: column.origin for i, column in enumerate(columns) if column.origin},
     )
 
 
-def _cut(line: str, delimiter: str | None, width: int = 1) -> list[str]:
-    """Cut a line into fields; drop the empty last one if there are more than `width`."""
-    fields = [field.strip().strip('"') for field in line.split(delimiter)]
-    return fields[:-1] if delimiter and len(fields) > width and not fields[-1] else fields
+def _cells(path: Path, text: TextTable) -> list[pa.StringArray]:
+    """Return the texts of the cells, column by column.
+
+    Raises:
+        SteadytipError: a row has more or fewer cells.
+    """
+    import pyarrow as pa
+    from pyarrow import compute, csv
+
+    names = [str(index) for index in range(text.width)]
+    try:
+        found = csv.read_csv(
+            pa.BufferReader(as_csv(text)),
+            csv.ReadOptions(column_names=names),
+            csv.ParseOptions(delimiter=text.delimiter or "\t"),
+            csv.ConvertOptions(column_types=dict.fromkeys(names, pa.string())),
+        )
+    except pa.ArrowInvalid:
+        for number, row in zip(text.lines, text.rows, strict=True):
+            count = len(cut(row, text.delimiter, text.width))
+            if count != text.width:
+                raise SteadytipError(
+                    f"recording {path}, line {number}: {count} columns instead of {text.width}; "
+                    "remove the line or complete it"
+                ) from None
+        raise
+    cells = [column.combine_chunks() for column in found.columns]
+    return [compute.utf8_trim(column, characters=' \t"') for column in cells]
+
+
+@dataclass(frozen=True)
+class _Numbers:
+    """Numbers of a column.
+
+    Attributes:
+        values: (rows,) NaN in cells without one; from the first one on for dates.
+        unit: of dates; empty for numbers.
+        origin: what was taken off `values`.
+        broken: row and text of the first cell without a number.
+    """
+
+    values: FloatArray
+    unit: str = ""
+    origin: float = 0.0
+    broken: tuple[int, str] | None = None
+
+
+def _numbers(cells: pa.StringArray) -> _Numbers:
+    """Read the cells of a column as numbers with a decimal point or comma, or as dates.
+
+    Whether there are decimal commas is judged on the whole column: the first rows may be whole.
+    """
+    import pyarrow as pa
+    from pyarrow import compute
+
+    def matches(pattern: str) -> pa.BooleanArray:
+        return compute.match_substring_regex(cells, pattern)
+
+    if compute.all(matches(r"^\d{16,18}$|^[1-8]\d{18}$")).as_py():
+        # As float64, a date in nanoseconds has steps of 256 ns.
+        whole = compute.cast(cells, pa.int64()).to_numpy(zero_copy_only=False)
+        return _Numbers((whole - whole[0]).astype(float), origin=float(whole[0]))
+    comma = compute.any(matches(r"^[+-]?\d*,\d+([eE][+-]?\d+)?$")).as_py()
+    if comma and not compute.any(matches(r"^[+-]?\d*\.\d+([eE][+-]?\d+)?$")).as_py():
+        cells = compute.replace_substring(cells, ",", ".")
+    good = matches(r"^[+-]?((\d+(\.\d*)?|\.\d+)([eE][+-]?\d+)?|(?i:nan|inf|infinity))$")
+    if not compute.any(good).as_py() and (dates := _dates(cells)) is not None:
+        return dates
+    plain = compute.utf8_ltrim(cells, characters="+")
+    numbers = compute.cast(compute.if_else(good, plain, None), pa.float64())
+    values = numbers.to_numpy(zero_copy_only=False)
+    bad = np.flatnonzero(~good.to_numpy(zero_copy_only=False))
+    broken = (int(bad[0]), cells[int(bad[0])].as_py()) if len(bad) else None
+    return _Numbers(values, broken=broken)
+
+
+def _dates(cells: pa.StringArray) -> _Numbers | None:
+    """Return seconds since the first of some dates or times of day; None if they are neither."""
+    import pyarrow as pa
+    from pyarrow import compute
+
+    local = compute.replace_substring_regex(cells, r"\s*(Z|[+-]\d\d:?\d\d)$", "")
+    local = compute.replace_substring(local, ",", ".")
+    for kind in (pa.timestamp("ns"), pa.time64("ns")):
+        try:
+            whole = compute.cast(compute.cast(local, kind), pa.int64()).to_numpy()
+        except pa.ArrowException:
+            continue
+        return _Numbers((whole - whole[0]) * 1e-9, unit="s", origin=whole[0] * 1e-9)
+    return None
 
 
 def _headings(
@@ -434,11 +487,11 @@ def _headings(
             # `x [mm]` holds a blank, too: a bracket belongs to the word before it.
             fields = re.findall(r"[^\s\[\](),;]+(?:\s*[\[(][^\])]*[\])])?", line)
         else:
-            fields = _cut(line, delimiter, width)
+            fields = cut(line, delimiter, width)
         if len(fields) != width:
             continue
-        bare = [_plain_unit(field.strip("[]() ")) for field in fields]
-        if _KNOWN_UNITS.issuperset(filter(None, bare)) and not any(units):
+        bare = [plain_unit(field.strip("[]() ")) for field in fields]
+        if KNOWN_UNITS.issuperset(filter(None, bare)) and not any(units):
             units = bare  # a line of units below that of the names
             continue
         names, own = _split(fields)
@@ -450,66 +503,16 @@ def _split(headings: Sequence[str]) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Return names and units of headings as `stroke [um]`, `stroke (um)`, `stroke_um`."""
     found = [_HEADING.match(heading) for heading in headings]
     names = [match["name"] if match else text for match, text in zip(found, headings, strict=True)]
-    units = [_plain_unit(match["unit"] or "") if match else "" for match in found]
+    units = [plain_unit(match["unit"] or "") if match else "" for match in found]
     bare = set(names)
     for index, name in enumerate(names):
         suffix = None if units[index] else _SUFFIX.match(name)
-        plain = _plain_unit(suffix["unit"]) if suffix else ""
-        if suffix and plain in _KNOWN_UNITS:  # `time_s` has a unit, `pos_z` has none
+        plain = plain_unit(suffix["unit"]) if suffix else ""
+        if suffix and plain in KNOWN_UNITS:  # `time_s` has a unit, `pos_z` has none
             units[index] = plain
             if suffix["name"] not in bare:  # `x_m` beside `x [mm]` is another column
                 names[index] = suffix["name"]
     return tuple(names), tuple(units)
-
-
-def _plain_unit(unit: str) -> str:
-    plain = unit.replace("µ", "u").replace("μ", "u").strip()
-    return _SPELLINGS.get(plain.lower(), plain)
-
-
-def _is_number(text: str) -> bool:
-    try:
-        float(text)
-    except ValueError:
-        return False
-    return True
-
-
-def _numbers(
-    path: Path,
-    body: Sequence[tuple[int, str]],
-    delimiter: str | None,
-    comma: bool,
-    headings: Sequence[str],
-) -> tuple[FloatArray, dict[int, str]]:
-    """Return all values, and a message about the first cell without a number of each column."""
-    width = len(headings)
-    lines = [line.replace(",", ".") for _, line in body] if comma else [line for _, line in body]
-    try:
-        fast = np.loadtxt(lines, delimiter=delimiter, ndmin=2, comments=None)
-        if fast.shape[1] == width:
-            return fast, {}
-    except ValueError:
-        pass  # something is no number: find out where, slowly
-    values, broken = np.full((len(lines), width), np.nan), dict[int, str]()
-    for row, ((number, _), line) in enumerate(zip(body, lines, strict=True)):
-        fields = _cut(line, delimiter, width)
-        if len(fields) != width:
-            raise SteadytipError(
-                f"recording {path}, line {number}: {len(fields)} columns instead of {width}; "
-                "remove the line or complete it"
-            )
-        for index, cell in enumerate(fields):
-            if _is_number(cell):
-                values[row, index] = float(cell)
-            elif index not in broken:
-                named = f" ('{headings[index]}')" if headings[index] else ""
-                shown = f"'{cell}' is not a number" if cell else "nothing stands there"
-                broken[index] = (
-                    f"recording {path}, line {number}, column {index + 1}{named}: {shown}; remove "
-                    "the line or complete it"
-                )
-    return values, broken
 
 
 def _chosen_column(table: DataTable, role: Role, text: str) -> int:
@@ -537,8 +540,11 @@ def _by_heading(table: DataTable, role: Role, taken: set[int]) -> int | None:
         {*re.split(r"[^a-z]+", name.lower()), *re.split(r"[^a-z0-9]+", name.lower())}
         for name in table.headings
     ]
+    names = [name.lower() for name in table.headings]
     for heading in role.headings:
-        called = [i for i, found in enumerate(parts) if heading in found and i not in taken]
+        called = [i for i, name in enumerate(names) if name == heading and i not in taken]
+        if not called:
+            called = [i for i, found in enumerate(parts) if heading in found and i not in taken]
         if len(called) > 1:
             raise SteadytipError(
                 f"recording {table.path}: {len(called)} columns are called like {role.name}; "
@@ -552,18 +558,31 @@ def _by_heading(table: DataTable, role: Role, taken: set[int]) -> int | None:
     return fitting[0] if len(fitting) == 1 else None
 
 
-def _unit(table: DataTable, role: Role, index: int, given: str | None) -> str:
-    unit = table.units[index] if given is None else _plain_unit(given)
+def _unit(table: DataTable, role: Role, index: int, given: str | None) -> tuple[str, float]:
+    """Return the unit of a column and its factor to SI."""
+    unit = table.units[index] if given is None else plain_unit(given)
     cure = f"give --{role.quantity or role.name}-unit {'|'.join(role.units)}"
+    if not unit and role is TIME:
+        unit = _unit_of_dates(table, index)
     if not unit and not role.assumed:
         raise SteadytipError(
             f"recording {table.path}: {table.describe(index)}, read as {role.name}, does not say "
             f"its unit; {cure}, or write it into the heading as in '{role.headings[0]} [um]'"
         )
     unit = unit or role.assumed
-    if unit not in role.units:
+    factor = factor_to_si(unit, role.units)
+    if factor is None:
         raise SteadytipError(
             f"recording {table.path}: {table.describe(index)}, read as {role.name}, is in '{unit}';"
             f" {cure}"
         )
-    return unit
+    return unit, factor
+
+
+def _unit_of_dates(table: DataTable, index: int) -> str:
+    """Return the unit in which a time since 1970 is a date between 2001 and 2096; or nothing."""
+    first = abs(table.origins.get(index, 0.0) + float(table.values[0, index]))
+    for unit, factor in TIMES.items():
+        if 1e9 <= first * factor < 4e9:
+            return unit
+    return ""

@@ -18,15 +18,8 @@ from fmu_src.errors import SteadytipError
 from harness.common.errors import ProblemsError
 from harness.common.types import FloatArray
 from harness.recordings.quality import non_finite_problems
-from harness.recordings.tables import (
-    ANGLES,
-    TEMPERATURES,
-    VOLTAGES,
-    ColumnMapping,
-    Role,
-    find_columns,
-    read_table,
-)
+from harness.recordings.tables import ColumnMapping, Role, find_columns, read_table
+from harness.recordings.units import ANGLES, TEMPERATURES, VOLTAGES
 
 __all__ = [
     "ACCELEROMETERS",

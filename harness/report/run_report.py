@@ -53,6 +53,7 @@ def _content(result: Result) -> dict[str, Any]:
         "subtitle": f"{metadata.scenario}, recording: {recording}, {simulated}",
         "error": result.error,
         "notes": metadata.notes,
+        "findings": metadata.findings,
         "verdict": [
             (f"{metrics[name].value:.1f} %", text)
             for name, text in _VERDICT.items()

@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from harness.results.signals import RecordedSignals
 
 __all__ = [
+    "LEAST_MOTION",
     "TREMOR_BAND",
     "Metric",
     "MetricInputs",
@@ -46,6 +47,9 @@ __all__ = [
 
 TREMOR_BAND = (6.0, 16.0)
 """Band of the in-band figures [Hz]."""
+LEAST_MOTION = 1e-8
+"""Motion that can be reduced [m] rms; there are no per cent of less."""
+_LEAST_AXIS = 0.01  # of the rms of the axis that moves most
 _TARGET_BAND = (6.0, 15.0)
 _INTENT_CORNER = 6.0
 _BAND_ORDER, _TARGET_ORDER, _INTENT_ORDER = 4, 2, 4
@@ -136,7 +140,7 @@ def metrics_of(inputs: MetricInputs) -> dict[str, Metric]:
     """Compute all figures that the given signals allow, by name.
 
     A figure is left out where a signal is missing, the record after `warm_up` is shorter than a
-    second, or there is no tremor to be reduced.
+    second, or there is no tremor to be reduced; a mean over axes also where an axis has none.
     """
     truths = (inputs.attitude_true, inputs.position_true)
     signals = (
@@ -212,12 +216,13 @@ def _about_mean(x: FloatArray) -> FloatArray:
 
 def _reduction(left: FloatArray, before: FloatArray) -> float | None:
     whole = _rms(before)
-    return 100.0 * (1.0 - _rms(left) / whole) if whole > 0.0 else None
+    return 100.0 * (1.0 - _rms(left) / whole) if whole > LEAST_MOTION else None
 
 
 def _reduction_by_axis(left: FloatArray, before: FloatArray) -> float | None:
     spread = before.std(axis=0)
-    if (spread <= 0.0).any():
+    # Per cent of an axis that hardly moves would outweigh the others without meaning anything.
+    if spread.min() < max(LEAST_MOTION, _LEAST_AXIS * spread.max()):
         return None
     return float(np.mean(100.0 * (1.0 - left.std(axis=0) / spread)))
 

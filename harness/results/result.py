@@ -15,6 +15,7 @@ from fmu_src.errors import SteadytipError
 from harness.common.errors import nearest
 from harness.common.files import replacing
 from harness.common.patterns import matching
+from harness.recordings.findings import Finding
 from harness.recordings.run_record import (
     METRICS,
     REPORT,
@@ -68,6 +69,12 @@ class Result:
     def error(self) -> str | None:
         """Reason why the run ended early; None if it did not, or if the process was killed."""
         return self.metadata.error
+
+    @cached_property
+    def findings(self) -> tuple[Finding, ...]:
+        """What was found in the recordings that the run used."""
+        found = self.metadata.findings
+        return tuple(Finding(**{k: v for k, v in each.items() if k != "part"}) for each in found)
 
     @property
     def units(self) -> dict[str, str]:

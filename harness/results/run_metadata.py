@@ -47,6 +47,7 @@ class RunMetadata(BaseModel):
         unconnected: `part.port` of the inputs that keep their start value.
         events: what happened in the middle: time [s], part, values.
         notes: what the user should know.
+        findings: what was found in recordings: part, name, severity, where, text, cure.
         parts: what each part says about itself.
         versions: of the software.
         machine: system and processor.
@@ -78,6 +79,7 @@ class RunMetadata(BaseModel):
     unconnected: list[str] = Field(default=[], validation_alias=_was("unconnected", "undriven"))
     events: list[dict[str, Any]] = []
     notes: list[str] = []
+    findings: list[dict[str, Any]] = []
     parts: dict[str, dict[str, Any]] = {}
     versions: dict[str, str] = {}
     machine: str = ""

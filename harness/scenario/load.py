@@ -244,6 +244,8 @@ def _part(name: str, part: PartSettings) -> PartTable:
         settings=settings_of(kind, name, settings),
         step_limit=part.step_limit,
         motion=Path(part.motion) if part.motion is not None else None,
+        accept=tuple(part.accept),
+        repair=tuple(part.repair),
         innovation_size=part.innovation_size,
         stands_for=_part(name, PartSettings.model_validate(before)) if before else None,
     )

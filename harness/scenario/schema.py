@@ -22,7 +22,8 @@ Laid over another table, parts and variants merge per key; a wire takes the plac
 same `to`, or is appended.
 
 Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]),
-`motion` (a recording that is streamed into the part's inputs `recorded_*`) and `innovation_size`
+`motion` (a recording that is streamed into the part's inputs `recorded_*`), `accept` and `repair`
+(names of findings about that recording to go on with, or to repair) and `innovation_size`
 (degrees of freedom of each correction of an estimator that has no output of that name). Where a
 scenario makes another kind of a part, `stands_for` keeps the table that the part had before.
 """
@@ -152,6 +153,8 @@ class PartSettings(BaseModel):
 
     step_limit: Positive = 10.0
     motion: str | None = None
+    accept: list[str] = Field(default_factory=list)
+    repair: list[str] = Field(default_factory=list)
     innovation_size: int | None = Field(default=None, ge=1)
     stands_for: dict[str, Any] = Field(default_factory=dict)
 
@@ -181,6 +184,8 @@ class PartTable:
         settings: the kind's own settings.
         step_limit: wall-clock time that one call may take [s].
         motion: recording to stream into it.
+        accept: names of findings about the recording to go on with.
+        repair: names of findings about the recording to repair.
         innovation_size: degrees of freedom of its corrections, if it does not say itself.
         stands_for: what it was before a scenario made another kind of it; None if it always was.
     """
@@ -189,6 +194,8 @@ class PartTable:
     settings: KindSettings
     step_limit: float = 10.0
     motion: Path | None = None
+    accept: tuple[str, ...] = ()
+    repair: tuple[str, ...] = ()
     innovation_size: int | None = None
     stands_for: PartTable | None = None
 

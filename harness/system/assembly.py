@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
@@ -18,6 +18,7 @@ from harness.parts.protocols import OnBus, Part, Settings
 from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.parts.settings import FmuSettings
+from harness.recordings.findings import Finding
 from harness.scenario.events import MODEL
 from harness.scenario.replaced import replaced_parts
 from harness.scenario.schema import NIS_OUTPUT, SHORTEST_EVALUATION, PartTable, Scenario, Wire
@@ -70,6 +71,12 @@ class System:
         return container, f"{part}_{name}" if port else f"{part}.{name}"
 
     @property
+    def findings(self) -> dict[str, tuple[Finding, ...]]:
+        """What was found in each recording, by the name of its part."""
+        replayed = {n: part for n, part in self.parts.items() if isinstance(part, ReplayPart)}
+        return {name: part.findings for name, part in replayed.items() if part.findings}
+
+    @property
     def columns(self) -> list[Column]:
         """Outputs in the order of the parts."""
         return [
@@ -94,6 +101,8 @@ def assemble(
     motion: Path | None = None,
     progress: Callable[[str], None] = lambda _: None,
     files: Mapping[str, Path] | None = None,
+    accept: Collection[str] = (),
+    repair: Collection[str] = (),
 ) -> System:
     """Build what is missing, make the parts, wire them.
 
@@ -102,8 +111,11 @@ def assemble(
         motion: recording for the one part that takes one.
         progress: told in a few words what is being done.
         files: what to take instead of files and models that the scenario names; see `reference`.
+        accept: names of findings about recordings to go on with.
+        repair: names of findings about recordings to repair.
 
     Raises:
+        FindingsError: a recording has defects that make figures meaningless.
         ProblemsError: everything that is wrong with parts, or with wires, or with signals.
         SteadytipError: a model does not build, or no single part takes the recording.
     """
@@ -121,9 +133,12 @@ def assemble(
     for name, part in made.items():
         if name in motions:
             companion = f"{name}.motion"
-            parts[companion] = ReplayPart(
-                companion, {"replay": str(there.get(str(motions[name]), motions[name]))}, seed=0
-            )
+            settings = {
+                "replay": str(there.get(str(motions[name]), motions[name])),
+                "accept": [*scenario.parts[name].accept, *accept],
+                "repair": [*scenario.parts[name].repair, *repair],
+            }
+            parts[companion] = ReplayPart(companion, settings, seed=0)
             _check_takes_motion(name, part)
             wires.append(Wire(f"{companion}.recorded*", f"{name}.recorded*"))
         parts[name] = part

@@ -37,13 +37,13 @@ from fmu_src.device import design
 from fmu_src.errors import SteadytipError
 from fmu_src.estimation.em_ekf.model import MODEL
 from harness.common.types import FloatArray
+from harness.identify.hand_eye.conventions import check_conventions
 from harness.identify.hand_eye.read import FEWEST, LARGEST_LAG, TrackedMotion
+from harness.identify.hand_eye.rotation import APART, GyroRotation, relative_rotations
 from harness.identify.parameter_files import write_parameters
 
 __all__ = ["HandEye", "identify_hand_eye", "write_hand_eye"]
 
-APART = 0.5
-"""Time between the attitudes of a pair [s]."""
 SECOND_AXIS = np.radians(3.0)
 """Least rms turn of the pairs about a second axis, for all of h to be seen."""
 BLOCKS, SHORTEST_BLOCK = 20, 1.0
@@ -86,61 +86,24 @@ class HandEye:
     residual: FloatArray
 
 
-class _GyroRotation:
-    """Turn of the body since the start by the gyro less a bias, and its slope with the bias."""
-
-    def __init__(self, recorded: TrackedMotion, bias: FloatArray) -> None:
-        self.time, self.rate = recorded.time, recorded.rate - bias
-        step = np.diff(self.time)
-        mean = (self.rate[1:] + self.rate[:-1]) / 2
-        quaternions = Rotation.from_rotvec(mean * step[:, None]).as_quat()
-        quaternions = np.vstack(([0.0, 0.0, 0.0, 1.0], quaternions))
-        shift = 1
-        while shift < len(quaternions):  # all products of the first k in log2(n) rounds
-            joined = Rotation.from_quat(quaternions[:-shift]) * Rotation.from_quat(
-                quaternions[shift:]
-            )
-            quaternions[shift:] = joined.as_quat()
-            shift *= 2
-        self.turn = Rotation.from_quat(quaternions)
-        matrices = self.turn.as_matrix()
-        area = np.zeros_like(matrices)
-        area[1:] = np.cumsum((matrices[1:] + matrices[:-1]) / 2 * step[:, None, None], axis=0)
-        # R(t)^T times the integral of R: turn back in B by a change of the bias.
-        self.slope = matrices.swapaxes(1, 2) @ area
-
-    def at(self, time: FloatArray, change: FloatArray) -> Rotation:
-        """Return the turn until some instants, with a small change of the bias, (3,)."""
-        place = np.clip(np.searchsorted(self.time, time) - 1, 0, len(self.time) - 2)
-        after = time - self.time[place]
-        step = (self.time[place + 1] - self.time[place])[:, None]
-        half = self.rate[place] + (self.rate[place + 1] - self.rate[place]) / step * (
-            after[:, None] / 2
-        )
-        missed = -self.slope[place] @ change
-        return (
-            self.turn[place]
-            * Rotation.from_rotvec(missed)
-            * Rotation.from_rotvec(half * after[:, None])
-        )
-
-
 def identify_hand_eye(recorded: TrackedMotion) -> HandEye:
     """Fit the hand-eye rotation, bias, lag and registration.
 
     Raises:
-        SteadytipError: a recording that turns about one axis only.
+        SteadytipError: a recording that turns about one axis only, or whose rates and attitudes
+            are not of one motion as they are read.
     """
+    check_conventions(recorded)
     z, at = recorded.attitude, recorded.measured
     bias, lag = np.zeros(3), 0.0
-    turns = _GyroRotation(recorded, bias)
+    turns = GyroRotation(recorded, bias)
     start, hand = _initial_guess(turns.at(at, bias), z, at, recorded.path)
     limit = np.full(10, np.inf)
     limit[9] = LARGEST_LAG
     for _ in range(ROUNDS):
 
         def residual(
-            x: FloatArray, known: tuple[_GyroRotation, Rotation, Rotation] = (turns, start, hand)
+            x: FloatArray, known: tuple[GyroRotation, Rotation, Rotation] = (turns, start, hand)
         ) -> FloatArray:
             turns, start, hand = known
             body = start * Rotation.from_rotvec(x[:3]) * turns.at(at + x[9], x[6:9])
@@ -153,7 +116,7 @@ def identify_hand_eye(recorded: TrackedMotion) -> HandEye:
         start = start * Rotation.from_rotvec(found.x[:3])
         hand = hand * Rotation.from_rotvec(found.x[3:6])
         bias, lag = bias + found.x[6:9], float(found.x[9])
-        turns = _GyroRotation(recorded, bias)
+        turns = GyroRotation(recorded, bias)
     covariance, factor = _clustered_covariance(found.jac, found.fun, at)
     sigma = np.sqrt(np.diag(covariance))
     registration = _registration(recorded, hand)
@@ -176,11 +139,7 @@ def _initial_guess(
     turns: Rotation, z: Rotation, at: FloatArray, path: Path
 ) -> tuple[Rotation, Rotation]:
     """Return r* (x) q_0 and h from relative rotations."""
-    later = np.searchsorted(at, at + APART)
-    first = np.flatnonzero(later < len(at))
-    later = later[first]
-    body = (turns[first].inv() * turns[later]).as_rotvec()
-    coils = (z[first].inv() * z[later]).as_rotvec()
+    body, coils = relative_rotations(turns, z, at)
     spread = np.linalg.svd(body, compute_uv=False) / np.sqrt(len(body))
     if spread[1] < SECOND_AXIS:
         raise SteadytipError(

@@ -11,7 +11,8 @@ from scipy.spatial.transform import Rotation
 
 from fmu_src.errors import SteadytipError
 from harness.common.types import FloatArray
-from harness.recordings.tables import QUANTITIES, DataTable, read_table
+from harness.recordings.tables import DataTable, read_table
+from harness.recordings.units import QUANTITIES
 
 __all__ = ["FEWEST", "LARGEST_LAG", "TrackedMotion", "read_tracked_motion"]
 

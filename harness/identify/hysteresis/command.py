@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from harness.identify.options import CommandOutput, Out, Quiet, Rate, Report, column
+from harness.identify.options import Accept, CommandOutput, Out, Quiet, Rate, Report, column
 
 if TYPE_CHECKING:
     from harness.identify.hysteresis.evaluation import HysteresisEvaluation
@@ -65,6 +65,7 @@ def command(
             " voltage that is set at its time.",
         ),
     ] = 0,
+    accept: Accept = None,
     report: Report = True,
     quiet: Quiet = False,
 ) -> None:
@@ -73,6 +74,7 @@ def command(
 
     from fmu_src.errors import SteadytipError
     from harness.identify.hysteresis.evaluation import evaluate
+    from harness.identify.hysteresis.findings import check_fit
     from harness.identify.hysteresis.operators import find_operator
     from harness.identify.hysteresis.page import write_page
     from harness.identify.hysteresis.parameter_files import find_prefixes, write_operators
@@ -104,12 +106,15 @@ def command(
         ]
     for one in evaluations:
         _show(output, one)
+    # The page shows what the fit leaves, also where that is no basis for a parameter set.
+    page = output.path.with_suffix(".html")
+    files = {"page": write_page(page, chosen, evaluations)} if report else {}
+    for one in evaluations:
+        check_fit(one, accept or ())
     fits = [one.fit for one in evaluations] * (len(prefixes) // len(evaluations))
     named = dict(zip(prefixes, fits, strict=True))
-    files = {"parameters": write_operators(output.path, chosen.record, named)}
-    if report:
-        files["page"] = write_page(output.path.with_suffix(".html"), chosen, evaluations)
-    output.files(files, target)
+    parameters = write_operators(output.path, chosen.record, named)
+    output.files({"parameters": parameters, **files}, target)
 
 
 def _check_count(count: int, target: str, prefixes: Sequence[str]) -> None:

@@ -1,5 +1,7 @@
 """`steadytip identify hand-eye`: rotations that are known, and what is refused."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -141,3 +143,32 @@ def test_turning_about_one_axis_is_not_enough(tmp_path):
     path = write(tmp_path / "one.csv", recorded(rates=rates))
     with pytest.raises(SteadytipError, match="turn the instrument about two axes"):
         identify_hand_eye(read_tracked_motion(path))
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"rate": np.degrees(1.0)}, "another convention: the rates are in deg/s"),
+        ({"rate": np.radians(1.0)}, "another convention: the rates are in rad/s"),
+        ({"rate": np.array([1.0, 1.0, -1.0])}, "left-handed"),
+        ({"rate": -1.0}, "left-handed, or the rates have the opposite sign"),
+        ({"attitude": "inverse"}, "seen from the coils, or their scalar is the last"),
+        ({"attitude": "scalar last"}, "seen from the coils, or their scalar is the last"),
+        ({"rate": np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.3, 0.0, 0.0]])}, "No other unit"),
+    ],
+)
+def test_a_recording_by_another_convention_is_refused_with_the_one_that_fits(
+    recording, change, message
+):
+    motion = read_tracked_motion(recording)
+    if "rate" in change:
+        factor = change["rate"]
+        turned = motion.rate @ factor if np.ndim(factor) == 2 else motion.rate * factor
+        motion = replace(motion, rate=turned)
+    elif change["attitude"] == "inverse":
+        motion = replace(motion, attitude=motion.attitude.inv())
+    else:
+        last = motion.attitude.as_quat()
+        motion = replace(motion, attitude=Rotation.from_quat(last, scalar_first=True))
+    with pytest.raises(SteadytipError, match=message):
+        identify_hand_eye(motion)

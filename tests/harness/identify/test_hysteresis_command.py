@@ -175,7 +175,11 @@ def test_an_operator_that_does_not_suit_is_refused_with_a_cure(data_dir, tmp_pat
     path = data_dir / "piezo_flexure" / "Model_Vi_Do.dat"
     options = ["--volts", "1", "--displacement", "5", "--displacement-unit", "um", "--rate", "200"]
     out = tmp_path / "f.ssv"
+    # The flexure is behind its voltage, which an operator without rate does not describe.
     err = identify.refuses("hysteresis", path, *options, *PLAIN, "--out", out)
+    assert "lag: the displacement is 7 rows (35 ms) behind the voltage" in err
+    accepted = [*options, *PLAIN, "--accept", "lag", "--out", out]
+    err = identify.refuses("hysteresis", path, *accepted)
     assert "does not suit the operator (is its voltage that ahead of an amplifier? give" in err
     assert not out.exists()
 
@@ -284,3 +288,39 @@ def test_an_excitation_that_cannot_be_is_refused(tmp_path, identify):
     ):
         assert message in identify.refuses("excitation", out, *options)
         assert not out.exists()
+
+
+def _lagging(path: Path, rows: int, offset: float = 0.0) -> Path:
+    """Write a known operator at rest first, with its displacement some rows late."""
+    volts = np.concatenate([np.zeros(50), excitation(RATE)])
+    stroke = Runner(MODEL, {"weights": WEIGHTS}).run(len(volts), {"volts": volts})["stroke"]
+    late = np.concatenate([np.full(rows, stroke[0]), stroke])[: len(volts)]
+    return _write(
+        path, volts, late + offset + np.random.default_rng(3).normal(0, NOISE, len(volts))
+    )
+
+
+@pytest.mark.parametrize("rows", [1, 8])
+def test_a_displacement_that_lags_is_named_with_its_rows_and_no_set_is_written(
+    identify, tmp_path, rows
+):
+    path = _lagging(tmp_path / "lag.csv", rows)
+    out = tmp_path / "lag.ssv"
+    err = identify.refuses("hysteresis", path, *PLAIN, "--out", out)
+    assert f"lag: the displacement is {rows} row" in err
+    assert f"--late {rows}" in err
+    assert not out.exists()
+    assert out.with_suffix(".html").exists()
+    identify.accepts("hysteresis", path, *PLAIN, "--late", rows, "--out", out)
+    assert out.exists()
+
+
+def test_an_offset_at_rest_is_taken_off_and_said(identify, tmp_path):
+    plain, moved = tmp_path / "plain.ssv", tmp_path / "moved.ssv"
+    identify.accepts("hysteresis", _lagging(tmp_path / "a.csv", 0), *PLAIN, "--out", plain)
+    path = _lagging(tmp_path / "b.csv", 0, 1e-5)
+    said = identify.accepts("hysteresis", path, *PLAIN, "--out", moved)
+    assert "um at rest at 0 V: that is taken off" in said
+    a, b = ({k: v.value for k, v in read_ssv(path).items()} for path in (plain, moved))
+    assert a.keys() == b.keys()
+    np.testing.assert_allclose(list(a.values()), list(b.values()), rtol=1e-2, atol=1e-3)

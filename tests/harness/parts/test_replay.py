@@ -35,7 +35,8 @@ def write(folder: Path, lines: list[str] | str, name: str = "r.csv") -> Path:
 
 
 def played(path: Path, step: float, steps: int) -> np.ndarray:
-    part = ReplayPart("hand.motion", {"replay": str(path)}, 0)
+    accept = ["glitch", "jump", "length-unit", "stuck-axis"]
+    part = ReplayPart("hand.motion", {"replay": str(path), "accept": accept}, 0)
     y = np.zeros(len(PORTS))
     part.start(RunContext(step, steps, path.parent), [], [], np.zeros(0), y)
     out = []
@@ -150,13 +151,19 @@ BAD = {
     "backwards": (swapped(), r"line 102: time goes from 0\.4 s to 0\.396 s; it has to rise"),
     "repeated": (edited(50, good_lines()[48]), "line 50: time goes from .* it has to rise"),
     "gap": (good_lines()[:150] + good_lines()[190:], r"line 151: a gap of 0\.164 s"),
-    "jump": (edited(50, "0.192, 9.0, 0.0, 0.0"), "line 50: a jump of .* mm within 4 ms"),
-    "inches": (
-        [HEADER.replace("x [mm]", "x [in]"), *good_lines()[1:]],
-        r"column 'x' is in 'in'; write 'x \[m\]', or one of m, mm, um",
+    "jump": (edited(50, "0.192, 9.0, 0.0, 0.0"), r"glitch: x is off by 8\.\d* mm .*line 50"),
+    "furlongs": (
+        [HEADER.replace("x [mm]", "x [fl]"), *good_lines()[1:]],
+        r"column 2 'x', read as x, is in 'fl'; give --length-unit m\|cm\|mm\|um",
     ),
-    "no unit": ([HEADER.replace("x [mm]", "x"), *good_lines()[1:]], "'x' does not say its unit"),
-    "no x": ([HEADER.replace("x [mm]", "u [mm]"), *good_lines()[1:]], "has no column 'x'"),
+    "no unit": (
+        [HEADER.replace("x [mm]", "x"), *good_lines()[1:]],
+        "read as x, does not say its unit",
+    ),
+    "no x": (
+        [HEADER.replace("x [mm]", "u [mm]"), *good_lines()[1:]],
+        "no column is called like x; choose it",
+    ),
     "no header": (good_lines()[1:], "line 1: 4 columns without a header; put 'time"),
     "zeros": (["0,0,0,0,9", "1,0,0,0,9"], "has 0 samples"),
 }

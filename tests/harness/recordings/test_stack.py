@@ -206,7 +206,7 @@ def test_columns_that_nothing_tells_are_asked_for(write):
     _refused(write, "no column that is called time; give --rate HZ", "", "{v} {z}",
              displacement_unit="um")  # fmt: skip
     _refused(write, "does not say its unit; give --displacement-unit", "time,volts,stroke")
-    _refused(write, "is in 'inch'; give --displacement-unit", "time,volts,stroke [inch]")
+    _refused(write, "is in 'bananas'; give --displacement-unit", "time,volts,stroke [bananas]")
 
 
 def test_columns_that_are_called_alike_are_asked_for(write):
@@ -284,7 +284,7 @@ def test_a_displacement_in_another_unit_is_suspected(write):
     _refused(
         write,
         r"the displacement covers 13.* m, which should be 2e-08 to 0.002 m; is it in another unit\?"
-        r" Give --displacement-unit m\|mm\|um\|nm",
+        r" Give --displacement-unit m\|cm\|mm\|um\|nm",
         displacement_unit="m",
     )
 
