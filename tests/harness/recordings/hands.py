@@ -47,6 +47,13 @@ def glitch(time, position, size, rng):
     return time, position
 
 
+def jump(time, position, size, rng):
+    """Return the motion with one axis off by `size` [m] from some sample on."""
+    position = position.copy()
+    position[rng.integers(50, len(time) - 50) :, rng.integers(3)] += size
+    return time, position
+
+
 def stuck_axis(time, position, size, rng):
     """Return the motion with one axis that keeps its value for `size` [s]."""
     position, axis = position.copy(), rng.integers(3)
@@ -83,6 +90,7 @@ DEFECTS = {
     "noisy-clock": (noisy_stamps, 5e-5, ()),
     "uneven-clock": (uneven_samples, 5e-5, ()),
     "glitch": (glitch, 5e-6, ()),
+    "jump": (jump, 2e-5, ()),
     "stuck-axis": (stuck_axis, 0.25, ()),
     "clipped": (clipped, 0.02, ()),
     "held-samples": (held, 2, ()),
