@@ -12,6 +12,14 @@ console = Console()
 errors = Console(stderr=True)
 
 
+AcceptFindings = Annotated[
+    list[str] | None,
+    typer.Option("--accept", help="Go on in spite of a finding about the recording, by its name."),
+]
+RepairFindings = Annotated[
+    list[str] | None,
+    typer.Option("--repair", help="Repair a finding about the recording, by its name: glitch."),
+]
 Overrides = Annotated[
     list[str] | None,
     typer.Option("--set", help="Replace a value of the scenario: part.hand.seed=3"),

@@ -8,7 +8,16 @@ from typing import Annotated, Any
 import typer
 from rich.markup import escape
 
-from harness.cli.options import Overrides, ScenarioName, Seconds, Seed, console, errors
+from harness.cli.options import (
+    AcceptFindings,
+    Overrides,
+    RepairFindings,
+    ScenarioName,
+    Seconds,
+    Seed,
+    console,
+    errors,
+)
 
 
 def run(
@@ -17,14 +26,8 @@ def run(
         list[Path] | None,
         typer.Option(help="Recording of hand motion to replay, or a folder of them; one run each."),
     ] = None,
-    accept: Annotated[
-        list[str] | None,
-        typer.Option(help="Go on in spite of a finding about the recording, by its name."),
-    ] = None,
-    repair: Annotated[
-        list[str] | None,
-        typer.Option(help="Repair a finding about the recording, by its name: glitch."),
-    ] = None,
+    accept: AcceptFindings = None,
+    repair: RepairFindings = None,
     variant: Annotated[
         list[str] | None,
         typer.Option(help="Variant of the scenario; all of them by default, where it has any."),

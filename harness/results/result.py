@@ -72,7 +72,7 @@ class Result:
 
     @cached_property
     def findings(self) -> tuple[Finding, ...]:
-        """What was found in the recordings that the run used."""
+        """Findings about the recordings that the run used."""
         found = self.metadata.findings
         return tuple(Finding(**{k: v for k, v in each.items() if k != "part"}) for each in found)
 

@@ -72,7 +72,7 @@ class System:
 
     @property
     def findings(self) -> dict[str, tuple[Finding, ...]]:
-        """What was found in each recording, by the name of its part."""
+        """Findings about each recording, by the name of its part."""
         replayed = {n: part for n, part in self.parts.items() if isinstance(part, ReplayPart)}
         return {name: part.findings for name, part in replayed.items() if part.findings}
 

@@ -106,8 +106,7 @@ def command(
         ]
     for one in evaluations:
         _show(output, one)
-    # The page shows what the fit leaves, also where that is no basis for a parameter set.
-    page = output.path.with_suffix(".html")
+    page = output.path.with_suffix(".html")  # also of a fit that is no basis for a set
     files = {"page": write_page(page, chosen, evaluations)} if report else {}
     for one in evaluations:
         check_fit(one, accept or ())
