@@ -18,6 +18,7 @@ from harness.common.files import reason
 from harness.loop.loop import Loop, LoopOutcome, Progress, RealTimeClock
 from harness.loop.segments import run_segments
 from harness.parts.protocols import RunContext
+from harness.recordings.motion import motion_columns
 from harness.recordings.run_record import record_file
 from harness.results.recorder import Recorder
 from harness.results.result import Result
@@ -67,6 +68,7 @@ def run(
     out: str | os.PathLike[str] | None = None,
     accept: Collection[str] = (),
     repair: Collection[str] = (),
+    columns: Mapping[str, Any] | None = None,
     csv: bool = False,
     report: bool = True,
     fuse: bool = False,
@@ -83,6 +85,8 @@ def run(
         out: folder for the results; by default `build/runs/SCENARIO[-VARIANT][-RECORDING]`.
         accept: names of findings about recordings to go on with, as `glitch`.
         repair: names of findings about recordings to repair, as `glitch`.
+        columns: what `motion` does not say of itself, `{"time_unit": "ms", "x": "px"}`; see
+            `docs/recordings.md`.
         csv: write the signals as CSV, too.
         report: write `report.html`.
         fuse: run what can be fused as one FMU; see `harness.system.container`.
@@ -96,7 +100,8 @@ def run(
     """
     checked = scenarios.load(scenario, overrides, variant)
     recording = Path(motion) if motion is not None else None
-    system = assemble(checked, recording, status, accept=accept, repair=repair)
+    read_as = motion_columns(columns) if columns else None
+    system = assemble(checked, recording, status, None, accept, repair, read_as)
     on_bus = [name for name, table in checked.parts.items() if is_on_bus(table)]
     if on_bus:
         raise SteadytipError(

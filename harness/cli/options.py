@@ -12,6 +12,20 @@ console = Console()
 errors = Console(stderr=True)
 
 
+TimeColumn = Annotated[
+    str | None, typer.Option(metavar="NAME|NUMBER", help="Column of the recording's time, from 1.")
+]
+AxisColumn = Annotated[
+    str | None, typer.Option(metavar="NAME|NUMBER", help="Column of that axis of the recording.")
+]
+TimeUnit = Annotated[str | None, typer.Option(help="Unit of the recording's time: s, ms, us, ns.")]
+LengthUnit = Annotated[
+    str | None, typer.Option(help="Unit of the recording's x, y and z: m, cm, mm, um, nm.")
+]
+Rate = Annotated[
+    float | None,
+    typer.Option(metavar="HZ", help="Samples in a second, for a recording without time."),
+]
 AcceptFindings = Annotated[
     list[str] | None,
     typer.Option("--accept", help="Go on in spite of a finding about the recording, by its name."),

@@ -10,11 +10,16 @@ from rich.markup import escape
 
 from harness.cli.options import (
     AcceptFindings,
+    AxisColumn,
+    LengthUnit,
     Overrides,
+    Rate,
     RepairFindings,
     ScenarioName,
     Seconds,
     Seed,
+    TimeColumn,
+    TimeUnit,
     console,
     errors,
 )
@@ -26,6 +31,13 @@ def run(
         list[Path] | None,
         typer.Option(help="Recording of hand motion to replay, or a folder of them; one run each."),
     ] = None,
+    time: TimeColumn = None,
+    x: AxisColumn = None,
+    y: AxisColumn = None,
+    z: AxisColumn = None,
+    time_unit: TimeUnit = None,
+    length_unit: LengthUnit = None,
+    rate: Rate = None,
     accept: AcceptFindings = None,
     repair: RepairFindings = None,
     variant: Annotated[
@@ -63,6 +75,8 @@ def run(
 
     display = Display(console, quiet)
     settings = parse_overrides(override, seconds, seed)
+    columns: dict[str, Any] = {"time": time, "x": x, "y": y, "z": z, "time_unit": time_unit}
+    columns |= {"length_unit": length_unit, "rate": rate}
     motions: list[Path | None] = [*recordings(motion)] if motion else [None]
     variants: list[str | None] = [*(variant or load(scenario, settings).variants)] or [None]
     if json is not None and variants == [None]:
@@ -75,22 +89,16 @@ def run(
         words = [text for text in (each, path.stem if path else None) if text is not None]
         if each is not None:
             display.status(", ".join(words))
+        options: dict[str, Any] = {
+            **{"overrides": settings, "columns": columns, "csv": csv, "fuse": fuse},
+            **{"motion": path, "accept": accept or (), "repair": repair or (), "variant": each},
+            "out": out / "-".join(words) if out and len(todo) > 1 else out,
+            "report": each is None if report is None else report,
+            "status": display.status if each is None else lambda _: None,
+        }
         try:
             with display.progress() as progress:
-                result = run_scenario(
-                    scenario,
-                    motion=path,
-                    overrides=settings,
-                    variant=each,
-                    accept=accept or (),
-                    repair=repair or (),
-                    out=out / "-".join(words) if out and len(todo) > 1 else out,
-                    csv=csv,
-                    report=each is None if report is None else report,
-                    fuse=fuse,
-                    status=display.status if each is None else lambda _: None,
-                    progress=progress,
-                )
+                result = run_scenario(scenario, progress=progress, **options)
         except RunError as ended:
             failed = True
             errors.print(f"[red]{escape(str(ended))}[/red]", highlight=False, soft_wrap=True)
@@ -107,14 +115,12 @@ def run(
             for each_estimator in result.consistency:
                 display.status(each_estimator.sentence)
         display.files(record=result.file, report=result.report)
-    found = summarise_variants(compared)
+    ranked = summarise_variants(compared)
     if json is not None:
         from harness.common.figures import write_figures
 
-        write_figures(json, [figure for rank in found for figure in rank.figures(scenario)])
-    if compared and len(todo) > 1:
-        display.show(ranking_table(found))
-    elif len(todo) > 1:
-        display.show(comparison_table(results))
+        write_figures(json, [figure for rank in ranked for figure in rank.figures(scenario)])
+    if len(todo) > 1:
+        display.show(ranking_table(ranked) if compared else comparison_table(results))
     if failed:
         raise typer.Exit(1)

@@ -54,7 +54,9 @@ class ReplayPart(RowsPart):
         self.name = name
         self.outputs = PORTS
         keys = check_settings(ReplaySettings, name, settings)
-        self._recording = read_recording(Path(keys.replay), accept=keys.accept, repair=keys.repair)
+        self._recording = read_recording(
+            Path(keys.replay), keys.columns, accept=keys.accept, repair=keys.repair
+        )
         self.seconds = self._recording.seconds
         self.findings = self._recording.findings
         self._evaluated = (0, 0.0)  # number of ticks, and their period

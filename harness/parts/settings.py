@@ -18,6 +18,7 @@ from pydantic import BaseModel, ConfigDict, Field, ValidationError
 from harness.common.errors import ProblemsError
 from harness.common.files import is_path
 from harness.common.validation_errors import explain
+from harness.recordings.motion import MotionColumns
 
 __all__ = [
     "CanSettings",
@@ -96,6 +97,7 @@ class ReplaySettings(KindSettings):
         replay: path of the recording.
         accept: names of findings about it to go on with; see `recordings.motion_quality`.
         repair: names of findings to repair that are not repaired unasked.
+        columns: columns, units and rate, as far as the recording does not say.
     """
 
     files = ("replay",)
@@ -103,6 +105,7 @@ class ReplaySettings(KindSettings):
     replay: str
     accept: list[str] = []
     repair: list[str] = []
+    columns: MotionColumns = MotionColumns()
 
 
 class CanSettings(KindSettings):

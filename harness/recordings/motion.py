@@ -14,14 +14,19 @@ What a recording is worth is checked by `motion_quality`.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from pydantic import ValidationError
 
 from fmu_src.errors import SteadytipError
+from harness.common.errors import ProblemsError
+from harness.common.strict_model import Positive, StrictModel
 from harness.common.types import FloatArray
+from harness.common.validation_errors import explain
 from harness.recordings.findings import Finding, refuse
 from harness.recordings.motion_quality import assess_motion
 from harness.recordings.tables import (
@@ -35,7 +40,7 @@ from harness.recordings.tables import (
 )
 from harness.recordings.units import LENGTHS
 
-__all__ = ["Recording", "read_recording", "recordings"]
+__all__ = ["MotionColumns", "Recording", "motion_columns", "read_recording", "recordings"]
 
 M2S2_RATE = 250.0
 """Sample rate of the M2S2 system [Hz] (README of the recordings)."""
@@ -50,6 +55,43 @@ _AXES = [
     Role(axis, (axis, f"pos_{axis}", f"position_{axis}"), LENGTHS, quantity="length")
     for axis in "xyz"
 ]
+
+
+class MotionColumns(StrictModel):
+    """Columns, units and rate of a recorded motion, as far as the file does not say.
+
+    Attributes:
+        time, x, y, z: name or number (from 1) of a column.
+        time_unit, length_unit: unit of the time, and of x, y and z.
+        rate: samples in a second, for a table without time [Hz].
+    """
+
+    time: str | None = None
+    x: str | None = None
+    y: str | None = None
+    z: str | None = None
+    time_unit: str | None = None
+    length_unit: str | None = None
+    rate: Positive | None = None
+
+    @property
+    def mapping(self) -> ColumnMapping:
+        """Column mapping for a reader of tables."""
+        columns = {"time": self.time, "x": self.x, "y": self.y, "z": self.z}
+        units = {"time": self.time_unit, "length": self.length_unit}
+        return ColumnMapping(columns, units, self.rate)
+
+
+def motion_columns(given: Mapping[str, Any]) -> MotionColumns:
+    """Return columns, units and rate from a mapping.
+
+    Raises:
+        ProblemsError: unknown keys, or values of another type.
+    """
+    try:
+        return MotionColumns.model_validate(dict(given))
+    except ValidationError as error:
+        raise ProblemsError("columns of the recording", explain(error, MotionColumns)) from None
 
 
 @dataclass(frozen=True)
@@ -91,7 +133,7 @@ def recordings(paths: Iterable[Path]) -> list[Path]:
 
 def read_recording(
     path: Path,
-    mapping: ColumnMapping | None = None,
+    columns: MotionColumns | None = None,
     accept: Collection[str] = (),
     repair: Collection[str] = (),
 ) -> Recording:
@@ -102,7 +144,7 @@ def read_recording(
 
     Args:
         path: text table or Parquet.
-        mapping: columns, units and rate, as far as the file does not say.
+        columns: columns, units and rate, as far as the file does not say.
         accept: names of findings to go on with.
         repair: names of findings to repair that are not repaired unasked.
 
@@ -111,9 +153,9 @@ def read_recording(
         SteadytipError: no such file, empty, too short, ragged, not numbers, not finite, time not
             rising, units missing or unknown, gaps; with the line and a cure.
     """
-    mapping = mapping or ColumnMapping()
+    mapping = (columns or MotionColumns()).mapping
     table = read_table(path, 4, "four are needed, time and x, y, z", _MIN_SAMPLES)
-    if any(table.headings) or mapping.columns or mapping.rate:
+    if any(table.headings) or mapping.rate or any(mapping.columns.values()):
         found = find_columns(table, [TIME, *_AXES], mapping)
         time = find_time(table, found, mapping).values
         position = np.column_stack([found[axis.name].values for axis in _AXES])

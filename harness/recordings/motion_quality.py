@@ -34,7 +34,6 @@ from collections.abc import Callable, Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
-from scipy import ndimage, signal
 
 from harness.common.types import FloatArray
 from harness.recordings.findings import Finding
@@ -242,6 +241,8 @@ def _held(time: FloatArray, position: FloatArray) -> tuple[BoolArray, list[Findi
 
 def _clock(time: FloatArray, position: FloatArray) -> tuple[FloatArray, list[Finding]]:
     """Decide between the stamps and even times; return the times to use."""
+    from scipy import signal
+
     candidates = []
     for number in (np.arange(float(len(time))), _sample_numbers(time)):
         period, start = np.polyfit(number, time, 1)
@@ -391,6 +392,8 @@ def _glitches(
     time: FloatArray, position: FloatArray, place: Place, repair: bool
 ) -> tuple[FloatArray, list[Finding]]:
     """Find samples that are off; return the motion, repaired if that is wanted."""
+    from scipy import ndimage
+
     error = interpolation_error(time, position)
     half = max(4, int(_WINDOW / float(np.median(np.diff(time))) / 2))
     found: list[tuple[float, int, int]] = []

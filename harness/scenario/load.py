@@ -246,6 +246,7 @@ def _part(name: str, part: PartSettings) -> PartTable:
         motion=Path(part.motion) if part.motion is not None else None,
         accept=tuple(part.accept),
         repair=tuple(part.repair),
+        columns=part.columns,
         innovation_size=part.innovation_size,
         stands_for=_part(name, PartSettings.model_validate(before)) if before else None,
     )

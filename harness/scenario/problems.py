@@ -10,6 +10,7 @@ from pydantic import BaseModel, ValidationError
 from harness.common.errors import nearest
 from harness.common.validation_errors import explain
 from harness.parts.kinds import kinds
+from harness.recordings.motion import MotionColumns
 from harness.scenario.events import Change, Fault
 from harness.scenario.schema import Hil, Limit, ScenarioTable, SignalRoles, WireTable
 from harness.scenario.sweep import FaultRange, Sweep
@@ -39,6 +40,7 @@ def _hint(part: Mapping[str, Any], known: Iterable[str]) -> str:
 
 
 _INNER: dict[str, type[BaseModel]] = {
+    "part.columns": MotionColumns,
     "wire": WireTable,
     "signals": SignalRoles,
     "hil": Hil,

@@ -23,9 +23,11 @@ same `to`, or is appended.
 
 Settings that every kind of part has: `step_limit` (wall-clock time that one call may take [s]),
 `motion` (a recording that is streamed into the part's inputs `recorded_*`), `accept` and `repair`
-(names of findings about that recording to go on with, or to repair) and `innovation_size`
-(degrees of freedom of each correction of an estimator that has no output of that name). Where a
-scenario makes another kind of a part, `stands_for` keeps the table that the part had before.
+(names of findings about that recording to go on with, or to repair), `columns` (what the recording
+does not say: `{ time = "t", time_unit = "ms", length_unit = "um", rate = 250.0 }`) and
+`innovation_size` (degrees of freedom of each correction of an estimator that has no output of that
+name). Where a scenario makes another kind of a part, `stands_for` keeps the table that the part had
+before.
 """
 
 from __future__ import annotations
@@ -41,6 +43,7 @@ from harness.can.timing import Timing
 from harness.common.endpoint import Endpoint
 from harness.common.strict_model import Positive, StrictModel
 from harness.parts.settings import KindSettings
+from harness.recordings.motion import MotionColumns
 from harness.scenario.events import Change, Fault
 from harness.scenario.sweep import Sweep
 
@@ -155,6 +158,7 @@ class PartSettings(BaseModel):
     motion: str | None = None
     accept: list[str] = Field(default_factory=list)
     repair: list[str] = Field(default_factory=list)
+    columns: MotionColumns = MotionColumns()
     innovation_size: int | None = Field(default=None, ge=1)
     stands_for: dict[str, Any] = Field(default_factory=dict)
 
@@ -186,6 +190,7 @@ class PartTable:
         motion: recording to stream into it.
         accept: names of findings about the recording to go on with.
         repair: names of findings about the recording to repair.
+        columns: columns, units and rate of the recording, as far as it does not say.
         innovation_size: degrees of freedom of its corrections, if it does not say itself.
         stands_for: what it was before a scenario made another kind of it; None if it always was.
     """
@@ -196,6 +201,7 @@ class PartTable:
     motion: Path | None = None
     accept: tuple[str, ...] = ()
     repair: tuple[str, ...] = ()
+    columns: MotionColumns = field(default_factory=MotionColumns)
     innovation_size: int | None = None
     stands_for: PartTable | None = None
 

@@ -19,6 +19,7 @@ from harness.parts.replay import PORTS as MOTION_PORTS
 from harness.parts.replay import ReplayPart
 from harness.parts.settings import FmuSettings
 from harness.recordings.findings import Finding
+from harness.recordings.motion import MotionColumns
 from harness.scenario.events import MODEL
 from harness.scenario.replaced import replaced_parts
 from harness.scenario.schema import NIS_OUTPUT, SHORTEST_EVALUATION, PartTable, Scenario, Wire
@@ -103,6 +104,7 @@ def assemble(
     files: Mapping[str, Path] | None = None,
     accept: Collection[str] = (),
     repair: Collection[str] = (),
+    read_as: MotionColumns | None = None,
 ) -> System:
     """Build what is missing, make the parts, wire them.
 
@@ -113,6 +115,7 @@ def assemble(
         files: what to take instead of files and models that the scenario names; see `reference`.
         accept: names of findings about recordings to go on with.
         repair: names of findings about recordings to repair.
+        read_as: columns, units and rate of `motion`, as far as it does not say.
 
     Raises:
         FindingsError: a recording has defects that make figures meaningless.
@@ -137,6 +140,7 @@ def assemble(
                 "replay": str(there.get(str(motions[name]), motions[name])),
                 "accept": [*scenario.parts[name].accept, *accept],
                 "repair": [*scenario.parts[name].repair, *repair],
+                "columns": read_as or scenario.parts[name].columns,
             }
             parts[companion] = ReplayPart(companion, settings, seed=0)
             _check_takes_motion(name, part)

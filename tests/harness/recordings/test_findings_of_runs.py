@@ -97,3 +97,44 @@ def test_findings_are_in_the_record_of_the_run(tmp_path, hand_file):
     )
     parts = result.metadata.parts["hand.motion"]["findings"]
     assert json.loads(json.dumps(parts))[0]["name"] == "glitch"
+
+
+@pytest.mark.parametrize(
+    ("headings", "columns"),
+    [
+        (["T", "a", "b", "c"], {"time": "T", "x": "a", "y": "b", "z": "c", "length_unit": "mm"}),
+        (["time", "x", "y", "z"], {"length_unit": "mm"}),
+        (["n", "x [mm]", "y [mm]", "z [mm]"], {"rate": 250.0}),
+    ],
+)
+def test_columns_and_units_that_the_recording_does_not_say_are_given(tmp_path, headings, columns):
+    time, position = hands.draw_hand(3, seconds=4.0)
+    table = np.column_stack([time, position * 1e3])
+    path = write_table(tmp_path / "odd.csv", headings, table, ["%.6f"] * 4)
+    result = _run(tmp_path, path, columns=columns)
+    assert result.metrics["reduction_a_posteriori"].value > 30.0
+
+
+def test_the_command_and_the_scenario_take_the_same_columns(tmp_path, hand_file):
+    time, position = hands.draw_hand(3, seconds=4.0)
+    table = np.column_stack([time * 1e3, position * 1e3])
+    path = write_table(tmp_path / "odd.csv", ["t", "x", "y", "z"], table, ["%.6f"] * 4)
+    given = ["--time-unit", "ms", "--length-unit", "mm", "--seconds", 4, "--set", "warm_up=1.0"]
+    steadytip("run", "closed_loop", "--motion", path, *given, "--out", tmp_path / "out")
+    scenario = tmp_path / "mine.toml"
+    scenario.write_text(
+        'extends = "closed_loop"\nseconds = 4.0\nwarm_up = 1.0\n[part.hand]\nmotion = "odd.csv"\n'
+        'columns = { time_unit = "ms", length_unit = "mm" }\n',
+        encoding="utf-8",
+    )
+    own = st.run(scenario, out=tmp_path / "own", report=False)
+    shown = st.read(tmp_path / "out")
+    name = "reduction_in_band"
+    assert own.metrics[name].value == shown.metrics[name].value
+
+
+def test_an_unknown_column_key_is_refused_with_the_nearest(tmp_path, hand_file):
+    time, position = hands.draw_hand(3, seconds=4.0)
+    path = hand_file("hand.csv", time, position)
+    with pytest.raises(st.ProblemsError, match="unknown key 'time_unt'; did you mean 'time_unit'"):
+        _run(tmp_path, path, columns={"time_unt": "ms"})

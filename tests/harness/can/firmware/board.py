@@ -3,6 +3,7 @@
 The witnesses are cantools for the layout of frames and crccheck for their protection.
 """
 
+import errno
 import os
 import re
 import select
@@ -123,6 +124,10 @@ class Host:
             except BlockingIOError:
                 select.select([self.fd], [self.fd], [], 0.1)
                 self.read()
+            except OSError as error:
+                if error.errno != errno.EIO:  # the board has ended, which `read` tells
+                    raise
+                return
 
     def beat(self, state: str = "operational") -> None:
         self.write(f"t7021{STATES[state]:02X}\r")
