@@ -21,12 +21,14 @@ from harness.recordings.tables import (
     find_time,
     read_table,
 )
-from harness.recordings.units import QUANTITIES
+from harness.recordings.units import QUANTITIES, TIMES
 
 __all__ = ["StillSignal", "read_still_signals"]
 
 FEWEST = 1000
 """Fewest samples: an averaging time of ten samples then has a hundred averages."""
+RATES, USUAL = (0.01, 200e3), (10.0, 50e3)
+"""Sample rates that sensors at rest have, and those that most have [Hz]."""
 KNOCK = 15.0
 """Standard deviations between two samples that noise does not reach."""
 
@@ -41,6 +43,7 @@ class StillSignal:
         time: (n,) [s], from 0 on.
         values: (n,), in that unit.
         period: sample period [s].
+        clock: column of the time and its unit, or the rate, for messages.
     """
 
     name: str
@@ -48,6 +51,7 @@ class StillSignal:
     time: FloatArray
     values: FloatArray
     period: float
+    clock: str = ""
 
 
 def read_still_signals(
@@ -84,6 +88,7 @@ def read_still_signals(
     if problems:
         raise ProblemsError(where, problems)
     period = float((t[-1] - t[0]) / (n - 1))
+    _check_rate(where, time.text, period)
     selected = select_samples(fit, path, t - t[0])
     if selected.sum() < FEWEST:
         raise SteadytipError(
@@ -97,10 +102,29 @@ def read_still_signals(
         values, si = _in_si(table, index, unit)
         name = table.headings[index] or f"column {index + 1}"
         problems += _noise_problems(table, index, values, period)
-        signals.append(StillSignal(name, si, t - t[0], values, period))
+        signals.append(StillSignal(name, si, t - t[0], values, period, time.text))
     if problems:
         raise ProblemsError(where, problems)
     return signals
+
+
+def _check_rate(where: str, clock: str, period: float) -> None:
+    """Refuse a time in another unit than it is read in.
+
+    Raises:
+        SteadytipError: no inertial sensor has such a rate; with the likely unit.
+    """
+    low, high = RATES
+    if low <= 1 / period <= high:
+        return
+    likely = [
+        unit for unit, factor in TIMES.items() if USUAL[0] <= 1 / (period * factor) <= USUAL[1]
+    ]
+    cure = f"; give --time-unit {likely[0]} if it is in {likely[0]}" if likely else ""
+    raise SteadytipError(
+        f"{where}: time is {clock}, which makes {1 / period:.3g} samples a second; sensors have "
+        f"{low:g} to {high:g} Hz{cure}"
+    )
 
 
 def _indices(table: DataTable, columns: Sequence[str], time: int) -> list[int]:

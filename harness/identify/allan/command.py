@@ -28,6 +28,7 @@ def command(
         ),
     ] = None,
     time: Annotated[str | None, column("Column of the time.")] = None,
+    time_unit: Annotated[str | None, typer.Option(help="s, ms, us or ns.")] = None,
     rate: Rate = None,
     unit: Annotated[
         str | None, typer.Option(help="Of columns that do not say theirs, as V, mg, deg/s or uT.")
@@ -81,7 +82,7 @@ def command(
     if lag is not None and not (math.isfinite(lag) and 0 <= lag <= 10):
         raise SteadytipError(f"--lag {lag:g}: must be in [0, 10] s")
     assignments = [files.parse_assignment(text) for text in into or ()]
-    mapping = ColumnMapping({"time": time}, rate=rate)
+    mapping = ColumnMapping({"time": time}, {"time": time_unit}, rate)
     signals = read_still_signals(recording, columns or (), mapping, unit, fit)
     found = {}
     with output.progress() as add:
@@ -95,6 +96,7 @@ def command(
         assignments, notes = files.default_assignments(model, found)
     first = signals[0]
     output.title(f"{recording.name}: {len(first.values)} samples in {first.time[-1]:.6g} s")
+    output.say(f"time: {first.clock}")
     output.notes(f"{name}: {note}" for name, (noise, _, _) in found.items() for note in noise.notes)
     output.notes(notes)
     output.tables(term_table(found))

@@ -291,3 +291,33 @@ def test_a_missing_allantools_is_told(monkeypatch):
     monkeypatch.setitem(sys.modules, "allantools", None)
     with pytest.raises(SteadytipError, match=r"steadytip\[identify\]"):
         allan.analyse(np.random.default_rng(0).normal(size=2000), T)
+
+
+@pytest.mark.parametrize(
+    ("heading", "factor", "clock"),
+    [
+        ("timestamp", 1e9, "column 1 'timestamp' in ns"),
+        ("timestamp", 1e3, "column 1 'timestamp' in ms"),
+        ("time [us]", 1e6, "column 1 'time' in us"),
+    ],
+)
+def test_dates_and_units_of_time_are_read_and_said(identify, tmp_path, heading, factor, clock):
+    rng = np.random.default_rng(5)
+    stamps = np.round((1.7e9 + np.arange(4000) / 500) * factor).astype(np.int64)
+    rows = [f"{t},{v:.9f}" for t, v in zip(stamps, rng.normal(0, 0.02, 4000), strict=True)]
+    path = tmp_path / "still.csv"
+    path.write_text("\n".join([f"{heading},rate_x [rad/s]", *rows]) + "\n", encoding="utf-8")
+    shown = identify.accepts("allan", path, "--no-report")
+    assert "4000 samples in 7.998 s" in shown
+    assert clock in shown
+
+
+def test_a_time_in_another_unit_is_refused_with_the_likely_one(identify, tmp_path):
+    values = np.random.default_rng(5).normal(0, 0.02, 4000)
+    table = np.column_stack([np.arange(4000) * 1e6, values])  # us, said to be s
+    path = write_csv(tmp_path / "still.csv", table, ["time [s]", "rate_x [rad/s]"])
+    err = identify.refuses("allan", path, "--no-report")
+    assert "1e-06 samples a second" in err
+    assert "give --time-unit us" in err or "give --time-unit ns" in err
+    shown = identify.accepts("allan", path, "--no-report", "--time-unit", "ns")
+    assert "in ns" in shown
