@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import tomllib
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
 from importlib.resources import files
 from pathlib import Path
 from typing import Any
@@ -112,6 +113,7 @@ def _checked(
             f"fault on '{fault.wire}': {fault.trouble}" for fault in checked.fault if fault.trouble
         ]
         problems += checked.sweep.problems() if checked.sweep else []
+        problems += _time_problems(checked)
     if problems:
         raise ProblemsError(path.name, problems)
     return Scenario(
@@ -138,6 +140,21 @@ def _checked(
     )
 
 
+def _time_problems(table: ScenarioTable) -> Iterator[str]:
+    """Yield what never happens because the run is too short for it."""
+    if table.seconds < table.step_size:
+        yield f"'seconds' = {table.seconds:g} holds no step of {table.step_size:g} s"
+        return
+    begins = [("change", change.at) for change in table.change]
+    begins += [(f"fault on '{fault.wire}'", fault.at) for fault in table.fault]
+    for what, at in begins:
+        if at >= table.seconds:
+            yield (
+                f"{what} at {at:g} s never happens: the run ends at {table.seconds:g} s; make it "
+                "longer, or take that out"
+            )
+
+
 def _locate(scenario: str | os.PathLike[str], folder: Path) -> Path:
     path = Path(scenario)
     if len(path.parts) == 1 and not path.suffix:
@@ -162,10 +179,12 @@ def _read(
         chain = " -> ".join(item.name for item in (*seen, path))
         raise SteadytipError(f"{path.name}: 'extends' goes round in a circle: {chain}")
     try:
-        text = path.read_text(encoding="utf-8")
+        text = path.read_text(encoding="utf-8-sig")  # some editors put a byte order mark first
         table = tomllib.loads(text)
-    except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
-        raise SteadytipError(f"{path} is not TOML: {error}") from None
+    except tomllib.TOMLDecodeError as error:
+        raise SteadytipError(f"{path} is not TOML: {error}{_backslash_hint(text)}") from None
+    except UnicodeDecodeError as error:
+        raise SteadytipError(f"{path} is not TOML: {error}; save it as UTF-8") from None
     except OSError as error:
         raise SteadytipError(f"{path} cannot be read: {error.strerror}") from None
     bases = table.pop("extends", [])
@@ -195,7 +214,9 @@ def _resolved(table: dict[str, Any], folder: Path, where: str, notes: list[str])
         raise SteadytipError(f"{where}: 'variant' holds tables, as in [variant.NAME.part.hand]")
 
     def resolved(key: str, value: Any) -> Any:
-        return str(folder / value) if isinstance(value, str) and _is_path(key, value) else value
+        if not isinstance(value, str) or not _is_path(key, value):
+            return value
+        return str(folder / portable_path(value, f"{where}: '{key}'"))
 
     changed: dict[str, Any] = {
         "part": {
@@ -209,6 +230,37 @@ def _resolved(table: dict[str, Any], folder: Path, where: str, notes: list[str])
         "sweep": _with_paths(table.get("sweep"), folder),
     }
     return table | {key: value for key, value in changed.items() if key in table}
+
+
+_BACKSLASH = re.compile(r'"[^"\n]*\\[^"\n]*"')
+
+
+def _backslash_hint(text: str) -> str:
+    """Return a hint about the first backslash in double quotes; empty if there is none."""
+    for number, line in enumerate(text.splitlines(), start=1):
+        found = _BACKSLASH.search(line.partition("#")[0])
+        if found:
+            plain = found[0].strip('"')
+            return (
+                f". In line {number} a backslash in double quotes begins an escape: write the path "
+                f"in single quotes, '{plain}', or with forward slashes, "
+                f'"{plain.replace(chr(92), "/")}"'
+            )
+    return ""
+
+
+def portable_path(text: str, where: str) -> str:
+    """Return a path in the way of this system; backslashes of Windows are taken for slashes.
+
+    Raises:
+        SteadytipError: it holds a control character, as escapes in double quotes make them.
+    """
+    if any(ord(c) < 32 for c in text):
+        raise SteadytipError(
+            f"{where} = {text!r} holds a control character: a backslash in double quotes begins an "
+            "escape; write the path in single quotes, or with forward slashes"
+        )
+    return text.replace("\\", "/") if os.sep == "/" else text
 
 
 def _with_paths(sweep: Any, folder: Path) -> Any:

@@ -12,6 +12,7 @@ import numpy as np
 from fmu_src.errors import SteadytipError
 from harness.common.endpoint import Endpoint
 from harness.common.errors import ProblemsError
+from harness.parts.fmu import FmuPart
 from harness.parts.kinds import kinds
 from harness.parts.ports import Column
 from harness.parts.protocols import OnBus, Part, Settings
@@ -157,12 +158,13 @@ def assemble(
         raise ProblemsError(where, problems)
     seconds, notes = _duration(scenario, parts)
     columns = [f"{name}.{port.name}" for name, part in parts.items() for port in part.outputs]
+    played = roles(scenario, columns)
     return System(
         scenario=scenario,
         parts=parts,
         wiring=wiring,
         step_limits={name: scenario.parts[_owner(name, scenario)].step_limit for name in parts},
-        roles=roles(scenario, columns),
+        roles=played,
         motions=motions,
         steps=max(1, int(seconds / scenario.step_size + 1e-6)),
         notes=(
@@ -170,6 +172,8 @@ def assemble(
             *notes,
             *crossing,
             *_silent_estimators(scenario, columns),
+            *_period_notes(scenario.step_size, parts),
+            *_loose_parts(parts, wiring, played),
             *wiring.notes,
         ),
         events=events,
@@ -289,6 +293,37 @@ def _duration(scenario: Scenario, parts: Mapping[str, Part]) -> tuple[float, lis
             f"{SHORTEST_EVALUATION:g} s of {seconds:g} s"
         )
     return seconds, notes
+
+
+def _period_notes(step: float, parts: Mapping[str, Part]) -> list[str]:
+    """Return a note on FMUs whose sample period is no whole part of the loop's step."""
+    periods: dict[float, list[str]] = {}
+    for name, part in parts.items():
+        period = part.description.step if isinstance(part, FmuPart) else None
+        if period and abs(step / period - max(1, round(step / period))) > 1e-6:
+            periods.setdefault(period, []).append(name)
+    return [
+        f"the step of {step:g} s is no multiple of the sample period of {', '.join(names)}, "
+        f"{period:g} s: they act on some steps late, which costs figures; take a multiple of "
+        f"{period:g} s"
+        for period, names in periods.items()
+    ]
+
+
+def _loose_parts(
+    parts: Mapping[str, Part], wiring: Wiring, played: Mapping[str, Sequence[str]]
+) -> list[str]:
+    """Return a note on parts that nothing is wired to or from, and that play no role."""
+    wired = {end.part for link in wiring.links for end in (link.source, link.target)}
+    read = {
+        end.part for names in played.values() for n in names if (end := Endpoint.find(n, parts))
+    }
+    loose = [name for name in parts if name not in wired | read and len(parts) > 1]
+    return [
+        f"part '{name}' is wired to nothing, and no signal of the scenario is its: it runs for "
+        "itself; add a [[wire]], or take it out"
+        for name in loose
+    ]
 
 
 def _silent_estimators(scenario: Scenario, columns: Sequence[str]) -> list[str]:
