@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from functools import cached_property
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -26,14 +26,18 @@ from harness.recordings.run_record import (
     record_file,
     values_of,
 )
+from harness.results import notebook
+from harness.results.notebook import Metrics
 from harness.results.run_metadata import RunMetadata
 
 if TYPE_CHECKING:
+    import pandas as pd
+    import plotly.graph_objects as go
     import pyarrow as pa
+    import xarray as xr
 
     from harness.common.types import FloatArray
     from harness.results.consistency import Consistency
-    from harness.results.metrics import Metric
 
 __all__ = ["Result", "read"]
 
@@ -126,13 +130,14 @@ class Result:
         return values
 
     @cached_property
-    def metrics(self) -> Mapping[str, Metric]:
+    def metrics(self) -> Metrics:
         """Figures of merit by name: of `metrics`, `can_feed` and `consistency`."""
         from harness.results.can_feed import figures_of
         from harness.results.metrics import metrics_of_result
 
         found = metrics_of_result(self) | figures_of(self)
-        return found | {k: v for each in self.consistency for k, v in each.metrics().items()}
+        stated = {k: v for each in self.consistency for k, v in each.metrics().items()}
+        return Metrics(found | stated)
 
     @cached_property
     def consistency(self) -> Sequence[Consistency]:
@@ -140,6 +145,21 @@ class Result:
         from harness.results.consistency import consistency_of
 
         return consistency_of(self)
+
+    def to_pandas(self) -> pd.DataFrame:
+        """Signals as a table whose index is the time; see `notebook.to_pandas`."""
+        return notebook.to_pandas(self)
+
+    def to_xarray(self) -> xr.Dataset:
+        """Signals over the coordinate `time`; see `notebook.to_xarray`."""
+        return notebook.to_xarray(self)
+
+    def plot(self, *names: str) -> go.Figure:
+        """Figure of signals over time, by name or pattern; see `notebook.plot`."""
+        return notebook.plot(self, *names)
+
+    def _repr_html_(self) -> str:
+        return notebook.html(self)
 
     @property
     def report(self) -> Path:

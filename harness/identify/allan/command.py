@@ -84,14 +84,13 @@ def command(
     assignments = [files.parse_assignment(text) for text in into or ()]
     mapping = ColumnMapping({"time": time}, {"time": time_unit}, rate)
     signals = read_still_signals(recording, columns or (), mapping, unit, fit)
-    found = {}
+    found, notes = {}, list[str]()
     with output.progress() as add:
         update = add("averaging")
         for done, signal in enumerate(signals, start=1):
             noise = analyse(signal.values, signal.period, lag)
             found[signal.name] = (noise, *files.measured_quantity(signal, parameters))
             update(done, len(signals))
-    notes: list[str] = []
     if not assignments:
         assignments, notes = files.default_assignments(model, found)
     first = signals[0]
