@@ -6,6 +6,7 @@ import os
 import platform
 import tempfile
 from collections.abc import Callable, Collection, Mapping
+from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -20,6 +21,7 @@ from harness.loop.segments import run_segments
 from harness.parts.protocols import RunContext
 from harness.recordings.motion import motion_columns
 from harness.recordings.run_record import record_file
+from harness.results.folders import claim, new_folder
 from harness.results.recorder import Recorder
 from harness.results.result import Result
 from harness.results.run_metadata import VERSION, RunMetadata
@@ -32,7 +34,7 @@ if TYPE_CHECKING:
 
     from harness.common.types import FloatArray
 
-__all__ = ["HilSession", "default_folder", "metadata_of", "perform", "run"]
+__all__ = ["HilSession", "metadata_of", "perform", "run", "run_folder"]
 
 _VERSIONS = ("fmpy", "numpy", "scipy", "pyarrow", "plotly")
 
@@ -82,7 +84,8 @@ def run(
         motion: recording for the one part that takes one.
         overrides: values by dotted key, put in place of the scenario's, `{"part.hand.seed": 3}`.
         variant: which of the scenario's variants.
-        out: folder for the results; by default `build/runs/SCENARIO[-VARIANT][-RECORDING]`.
+        out: folder for the results, whose record of before is replaced; by default a new one,
+            `build/runs/SCENARIO[-VARIANT][-RECORDING]/NUMBER`.
         accept: names of findings about recordings to go on with, as `glitch`.
         repair: names of findings about recordings to repair, as `glitch`.
         columns: what `motion` does not say of itself, `{"time_unit": "ms", "x": "px"}`; see
@@ -112,7 +115,7 @@ def run(
         from harness.system import container as fused
 
         system = fused.fuse(system, lambda name: status(f"building {name}"))
-    folder = Path(out) if out is not None else default_folder(system)
+    folder = run_folder(system, out)
     return perform(system, folder, csv=csv, report=report, status=status, progress=progress)
 
 
@@ -145,6 +148,19 @@ def perform(
             f"{system.scenario.name}: 'change' and 'fault' in the middle of a run are not for the "
             "wall clock; take them out"
         )
+    with claim(folder):
+        return _perform(system, folder, session, csv, report, status, progress)
+
+
+def _perform(
+    system: System,
+    folder: Path,
+    session: HilSession | None,
+    csv: bool,
+    report: bool,
+    status: Callable[[str], None],
+    progress: Progress,
+) -> Result:
     for note in system.notes:
         status(note)
     for name, found in system.findings.items():
@@ -164,6 +180,8 @@ def perform(
         metadata = metadata.model_copy(update=session.closed(outcome))
     if outcome.ticks == 0:
         recorder.discard()
+        with suppress(OSError):
+            folder.rmdir()  # nothing was recorded: leave no empty folder behind
         early = outcome.error or StoppedError("stopped before the first tick")
         early.args = (". ".join((str(early), *(metadata.hil or {}).get("notes", ()))),)
         raise early
@@ -208,11 +226,23 @@ def _write(result: Result, status: Callable[[str], None], report: bool) -> None:
         write_report(result)
 
 
-def default_folder(system: System) -> Path:
-    """`build/runs/SCENARIO[-VARIANT][-RECORDING]` below the current directory."""
+def run_folder(system: System, out: str | os.PathLike[str] | None) -> Path:
+    """Return the folder that is wanted, or a new one of this run alone.
+
+    The new one is `build/runs/SCENARIO[-VARIANT][-RECORDING]/NUMBER` below the current directory.
+
+    Raises:
+        RecordError: it cannot be made.
+    """
+    if out is not None:
+        return Path(out)
     scenario = system.scenario
     parts = [scenario.name, scenario.variant, *(path.stem for path in system.motions.values())]
-    return Path("build", "runs", "-".join(part for part in parts if part))
+    base = Path("build", "runs", "-".join(part for part in parts if part))
+    try:
+        return new_folder(base)
+    except OSError as error:
+        raise RecordError(f"cannot record below {base}: {reason(error)}") from None
 
 
 def metadata_of(system: System) -> RunMetadata:

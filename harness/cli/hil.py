@@ -46,7 +46,8 @@ def hil(
     ] = False,
     port: Annotated[int, typer.Option(help="Of that page; 0 for a free one.")] = 0,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results; build/runs/SCENARIO by default.")
+        Path | None,
+        typer.Option(help="Folder of the results; build/runs/SCENARIO/NUMBER by default."),
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the signals as CSV, too.")] = False,
     report: Annotated[bool, typer.Option(help="Write the HTML report.")] = True,

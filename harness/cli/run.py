@@ -50,7 +50,7 @@ def run(
     out: Annotated[
         Path | None,
         typer.Option(
-            help="Folder of the results; build/runs/SCENARIO[-VARIANT][-RECORDING] by default."
+            help="Folder of the results; a new one by default, build/runs/SCENARIO/NUMBER."
         ),
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the signals as CSV, too.")] = False,

@@ -59,7 +59,7 @@ def run_system(
     step: _Step = None,
     override: Overrides = None,
     out: Annotated[
-        Path | None, typer.Option(help="Folder of the results; build/runs/NAME by default.")
+        Path | None, typer.Option(help="Folder of the results; build/runs/NAME/NUMBER by default.")
     ] = None,
     csv: Annotated[bool, typer.Option("--csv", help="Write the signals as CSV, too.")] = False,
     report: Annotated[bool, typer.Option(help="Write the HTML report.")] = True,

@@ -32,7 +32,7 @@ from harness.parts.can.address import address_of
 from harness.parts.can.feed import FeedPart
 from harness.recordings.run_record import read_metadata, read_record, record_file
 from harness.results.result import Result
-from harness.running import default_folder, perform
+from harness.running import perform, run_folder
 from harness.scenario import load as scenarios
 from harness.scenario.replaced import can_settings, is_on_bus
 from harness.scenario.schema import Hil, Scenario
@@ -311,7 +311,7 @@ def hil(
         scenario: path of a scenario file, or the name of a shipped one.
         motion: recording that moves the hand, in the loop or in the emulated board.
         overrides: values by dotted key, put in place of the scenario's.
-        out: folder for the results; by default `build/runs/SCENARIO`.
+        out: folder for the results; by default `build/runs/SCENARIO/NUMBER`.
         faults: of the emulated board; see `harness.can.fault_injection`.
         fault_seed: of chance in them.
         monitor: serve a page that shows the run; `status` is told where.
@@ -346,7 +346,7 @@ def hil(
         emulated = addresses is not None
         path = Path(motion) if motion is not None else None
         system = assemble(checked, None if emulated else path, status)
-        folder = Path(out) if out is not None else default_folder(system)
+        folder = run_folder(system, out)
         board: _Board | _Firmware | None = None
         if addresses is not None:
             status("starting the emulated board")

@@ -10,12 +10,15 @@ import contextlib
 import ctypes
 import itertools
 import math
+import os
 from collections import deque
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 
+import fmpy.fmi1
 import numpy as np
 from fmpy import calloc, free
 from fmpy.fmi1 import FMICallException
@@ -103,6 +106,25 @@ def unpack(description: Description, workspace: Path) -> Path:
     except ArchiveError as error:
         raise FaultError(str(error)) from None
     return folder
+
+
+class _StayingOs(ModuleType):
+    """The module `os` for fmpy, which does not leave the working directory.
+
+    fmpy goes to the folder of a binary to load it. All threads share the working directory: another
+    run would write its files there. A library that is loaded by its whole path does not need it.
+    """
+
+    def __getattr__(self, name: str) -> Any:
+        return getattr(os, name)
+
+    @staticmethod
+    def chdir(path: str) -> None:
+        """Stay."""
+
+
+if os.name == "posix":
+    fmpy.fmi1.os = _StayingOs("os")
 
 
 class Instance:

@@ -1,7 +1,7 @@
 """Outputs of a part as another run recorded them.
 
     [part.sensors]
-    recorded = "build/runs/closed_loop/results.parquet"
+    recorded = "build/runs/closed_loop/0001/results.parquet"
     of       = "sensors"        # if left out, the part's own name
 
 The ports are the recorded columns of that part, with their types and units; tick k puts out row k.

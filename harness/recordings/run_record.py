@@ -40,10 +40,16 @@ def read_batches(stream: Path) -> Iterator[pa.RecordBatch]:
 def record_file(path: Path) -> Path:
     """Return the record in a run's folder, finished or not; return a file as it is.
 
+    Of a folder that holds the numbered folders of runs, it is the record of the newest.
+
     Raises:
         SteadytipError: there is no record.
     """
-    candidates = [path / PARQUET, path / STREAM] if path.is_dir() else [path]
+    folders = [path]
+    if path.is_dir():
+        folders += sorted((p for p in path.iterdir() if p.name.isdecimal()), key=_number)[::-1]
+    files = (folder / name for folder in folders for name in (PARQUET, STREAM))
+    candidates = files if path.is_dir() else [path]
     for file in candidates:
         if file.is_file():
             return file
@@ -52,6 +58,10 @@ def record_file(path: Path) -> Path:
         if path.is_dir()
         else f"{path} does not exist"
     )
+
+
+def _number(folder: Path) -> int:
+    return int(folder.name)
 
 
 def is_finished(file: Path) -> bool:

@@ -117,9 +117,9 @@ def test_a_run_prints_its_figures_and_where_its_files_are(
     code, out, _ = call(monkeypatch, capsys, "run", str(write_scenario(ONE + WIRE)))
     assert code == 0
     assert float(out.split("real_time_factor")[1].split()[0]) > 1.0
-    assert "record: build/runs/case/results.parquet" in out.replace("\\", "/")
-    assert "report: build/runs/case/report.html" in out.replace("\\", "/")
-    assert (tmp_path / "build/runs/case/metrics.json").is_file()
+    assert "record: build/runs/case/0001/results.parquet" in out.replace("\\", "/")
+    assert "report: build/runs/case/0001/report.html" in out.replace("\\", "/")
+    assert (tmp_path / "build/runs/case/0001/metrics.json").is_file()
 
 
 def test_overrides_on_the_command_line_are_typed_as_in_toml(
