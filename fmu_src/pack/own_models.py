@@ -9,6 +9,7 @@ import hashlib
 import math
 import re
 import sys
+from collections import Counter
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
@@ -65,8 +66,8 @@ def check(model: Model) -> Model:
     """Return a model that an FMU can be made of.
 
     Raises:
-        SteadytipError: its name is none for an FMU, its sample period is none, its step fails, or
-            computes with a number that is none.
+        SteadytipError: its name is none for an FMU, its sample period is none, two variables have
+            one name, its step fails, or computes with a number that is none.
     """
     place = f"model '{model.name}' ({place_of(model.step)})"
     if not _NAME.fullmatch(model.name):
@@ -77,6 +78,13 @@ def check(model: Model) -> Model:
     if not (math.isfinite(model.sample_period) and model.sample_period > 0):
         raise SteadytipError(
             f"{place}: sample_period = {model.sample_period} s must be finite and above 0"
+        )
+    names = Counter(scalar.name for group in model.variables.values() for scalar in group)
+    twice = [name for name, count in names.items() if count > 1]
+    if twice:
+        raise SteadytipError(
+            f"{place}: several of its variables are called {', '.join(twice)}; parameters, inputs"
+            " and outputs share one list of names"
         )
     for function in (model.step_function, model.derive_function):
         if _holds_nan(function):

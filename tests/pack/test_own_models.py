@@ -126,6 +126,7 @@ def test_of_several_models_all_are_built_or_the_one_that_is_named(file) -> None:
         ("MODEL =", "raise SystemExit(3)\nMODEL =", r"ends the program \(exit 3\)"),
         ("MODEL =", "NONE = lambda:", "gain.py defines no model"),
         ('"Gain"', '"my gain"', "model 'my gain' .*must begin with a letter"),
+        ("trim = real(None", "a = real(None", "several of its variables are called a;"),
         ("sample_period=1e-3", "sample_period=0", "must be finite and above 0"),
     ],
 )
