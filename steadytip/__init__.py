@@ -8,6 +8,7 @@
 
     st.sweep("closed_loop_sweep", runs=100).summary["reduction_in_band"].median
     st.build(["MicronEstimator"])               # FMUs of models, by name
+    st.build("lowpass.py")                      # of your own, by file, or the Model itself
     st.validate("anybodys.fmu").good            # an FMU against the checklist
 
 | name | what it is |
@@ -21,6 +22,7 @@
 | `Scenario`, `Metric`, `Validation` | what `load`, `Result.metrics` and `validate` give |
 | `SteadytipError` and its kinds | a mistake that its reader can mend, with its place and cure |
 | `kit` | what a model is written with |
+| `testing` | laws that a model's FMU keeps: `testing.check_model(MODEL)` |
 
 Nothing else is public: `harness`, `fmu_src` and `plants` may change in any release.
 """
@@ -47,7 +49,7 @@ from harness.sweep.execution import sweep
 from harness.sweep.outcome import SweepResult as SweepResult
 from harness.validation.validate import Validation as Validation
 from harness.validation.validate import validate
-from steadytip import kit
+from steadytip import kit, testing
 
 __all__ = [
     "FaultError",
@@ -71,5 +73,6 @@ __all__ = [
     "run",
     "scenarios",
     "sweep",
+    "testing",
     "validate",
 ]

@@ -1,6 +1,5 @@
 """What the README shows works as shown."""
 
-import importlib.util
 import re
 import shlex
 import subprocess
@@ -8,15 +7,14 @@ import sys
 import tomllib
 from pathlib import Path
 
+import numpy as np
 import pytest
 from fmpy.validation import validate_fmu
 from typer.testing import CliRunner
 
+import steadytip as st
 from fmu_src.kit import Runner
-from fmu_src.pack.codegen.c_source import sources
-from fmu_src.pack.compiler import host
-from fmu_src.pack.fmu import archive, native
-from fmu_src.pack.fmu.description import content_guid
+from fmu_src.pack.own_models import load_own_model
 from harness.cli.main import app
 from harness.scenario.load import load
 from harness.system.assembly import assemble
@@ -29,20 +27,72 @@ def blocks(language: str) -> list[str]:
     return re.findall(rf"```{language}\n(.*?)```", TEXT, re.DOTALL)
 
 
-def test_the_model_on_the_page_becomes_a_valid_fmu(tmp_path, monkeypatch) -> None:
+@pytest.fixture
+def typed(tmp_path, monkeypatch) -> Path:
+    """The model on the page as a file in a folder that holds nothing else, the current one."""
     (text,) = [block for block in blocks("python") if "MODEL = " in block]
-    path = tmp_path / "low_pass.py"
+    path = tmp_path / "lowpass.py"
     path.write_text(text, "utf-8")
-    spec = importlib.util.spec_from_file_location("low_pass", path)
-    module = importlib.util.module_from_spec(spec)
-    monkeypatch.setitem(sys.modules, "low_pass", module)
-    spec.loader.exec_module(module)
-    settled = Runner(module.MODEL).run(5000, {"position": [1.0, 2.0, 3.0]})["slow"][-1]
+    monkeypatch.chdir(tmp_path)
+    return path
+
+
+SCENARIO = """
+title = "README's model behind the hand"
+seconds = 1.0
+step_size = 1e-3
+
+[part.hand]
+fmu = "Hand"
+
+[part.filter]
+fmu = "lowpass.py"
+corner = 0.5
+
+[[wire]]
+from = "hand.body_{axis}"
+to = "filter.position_{axis}"
+"""
+
+
+def test_the_model_on_the_page_becomes_a_valid_fmu(typed) -> None:
+    """Word by word, in an empty folder beside the installed package."""
+    model = load_own_model(str(typed))
+    settled = Runner(model).run(5000, {"position": [1.0, 2.0, 3.0]})["slow"][-1]
     assert settled == pytest.approx([1.0, 2.0, 3.0])
-    guid = content_guid(module.MODEL, sources(module.MODEL, ""))
-    files = native.files(module.MODEL, guid, [host()])
-    archive.write(tmp_path / "LowPass.fmu", files)
-    assert validate_fmu(str(tmp_path / "LowPass.fmu")) == []
+    lines = re.search(r"```\n(steadytip build lowpass.py.*?)```", TEXT, re.DOTALL)
+    main = [sys.executable, "-c", "from harness.cli.main import main; main()"]
+    for line in lines[1].splitlines():
+        words = [
+            name
+            for word in shlex.split(line, comments=True)[1:]
+            for name in (sorted(map(str, Path().glob(word))) if "*" in word else [word])
+        ]
+        done = subprocess.run([*main, *words], capture_output=True, text=True, timeout=300)
+        assert done.returncode == 0, (line, done.stdout, done.stderr)
+    (path,) = Path().glob("build/fmus/native/LowPass-*.fmu")
+    assert validate_fmu(str(path)) == []
+
+
+@pytest.mark.parametrize("flavour", ["native", "python"])
+def test_the_model_on_the_page_runs_in_a_scenario_of_another_folder(typed, flavour) -> None:
+    folder = typed.parent / "mine"
+    folder.mkdir()
+    typed.rename(folder / typed.name)
+    scenario = folder / "mine.toml"
+    text = SCENARIO.replace("corner", f'flavour = "{flavour}"\ncorner')
+    head, wire = text.split("[[wire]]")
+    wires = ["[[wire]]" + wire.format(axis=axis) for axis in "xyz"]
+    scenario.write_text(head + "".join(wires), "utf-8")
+    result = st.run(scenario)
+    moved, slow = result.signals("hand.body_?"), result.signals("filter.slow_?")
+    expected = Runner(load_own_model(str(folder / typed.name)), {"corner": 0.5}).run(
+        len(moved), {"position": moved}
+    )
+    np.testing.assert_allclose(slow, expected["slow"], rtol=1e-9, atol=1e-15)
+    if flavour == "native":
+        fused = st.run(scenario, fuse=True)
+        np.testing.assert_array_equal(fused.signals("filter.slow_?"), slow)
 
 
 def test_the_scenario_and_the_fault_on_the_page_are_what_they_say() -> None:

@@ -8,7 +8,6 @@ they change, not at every sample), and `draws` standard normal numbers arrive wi
 """
 
 import inspect
-import sys
 from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
@@ -18,7 +17,8 @@ import casadi as ca
 
 from fmu_src.errors import SteadytipError
 from fmu_src.kit.noise import standard_normal
-from fmu_src.kit.records import Derived, Inputs, Outputs, Parameters, Scalar, State
+from fmu_src.kit.places import failure, namespace, place_of, reason
+from fmu_src.kit.records import Derived, Inputs, Outputs, Parameters, Record, Scalar, State
 
 
 class NoDerived(Derived):
@@ -100,8 +100,14 @@ class Model:
 
     @property
     def documentation(self) -> str:
-        """Docstring of the module that defines the step: equations and notation."""
-        return inspect.getdoc(sys.modules[self.step.__module__]) or ""
+        """Docstring of the module that defines the step: equations and notation.
+
+        Of a step that was typed into an interpreter or a notebook, its own.
+        """
+        module = namespace(self.step)
+        typed = module.get("__name__") == "__main__" and "__file__" not in module
+        text = self.step.__doc__ if typed else module.get("__doc__")
+        return inspect.cleandoc(text or "")
 
     @property
     def summary(self) -> str:
@@ -144,6 +150,35 @@ class Model:
         sizes = [record.size() for record in self._records]
         return [self._symbol.sym(*each) for each in zip("pduxr", [*sizes, self.draws], strict=True)]
 
+    def _called(self, function: Callable[..., Any], *arguments: Any, **named: Any) -> Any:
+        """Call what the author wrote; an error in it names the author's file and line."""
+        try:
+            found = function(*arguments, **named)
+        except Exception as error:
+            raise SteadytipError(f"model '{self.name}': {failure(error, function)}") from error
+        if function is self.step and not (isinstance(found, tuple) and len(found) == 2):
+            raise SteadytipError(
+                f"model '{self.name}': {place_of(function)}: the step must return"
+                f" ({self.state.__name__}(...), {self.outputs.__name__}(...)), it returns"
+                f" {type(found).__name__}"
+            )
+        return found
+
+    def _packed(
+        self, found: Any, record: type[Record], function: Callable[..., Any] | None = None
+    ) -> Any:
+        """Stack a record that the author's function returned, if it is the declared one."""
+        place = f"model '{self.name}': {place_of(function or self.step)}"
+        if not isinstance(found, Record) or found.fields.keys() != record.fields.keys():
+            raise SteadytipError(
+                f"{place}: gives {type(found).__name__} in the place of {record.__qualname__}(...)"
+            )
+        try:
+            return found.pack()
+        except Exception as error:
+            why = str(error) if isinstance(error, SteadytipError) else reason(error)
+            raise SteadytipError(f"{place}: {record.__qualname__}(...): {why}") from error
+
     @cached_property
     def step_function(self) -> ca.Function:
         """`(p, d, u, x, r) -> (x', y)`, columns; r are uniform draws in (0, 1)."""
@@ -153,14 +188,15 @@ class Model:
             extra["derived"] = self.derived.unpack(d)
         if self.draws:
             extra["normal"] = standard_normal(r)
-        following, out = self.step(
+        following, out = self._called(
+            self.step,
             self.parameters.unpack(p),
             self.inputs.unpack(u),
             self.state.unpack(x),
             self.sample_period,
             **extra,
         )
-        columns = [following.pack(), out.pack()]
+        columns = [self._packed(following, self.state), self._packed(out, self.outputs)]
         names = [*"pdux", "r"]
         return ca.Function("step", [p, d, u, x, r], columns, names, ["x_next", "y"], {"cse": True})
 
@@ -178,7 +214,8 @@ class Model:
             y = self.step_function.call(arguments, True, False)[1]
         else:
             p, d, u, x = (r.unpack(a) for r, a in zip(self._records, arguments, strict=False))
-            y = self.answer(p, u, x, self.sample_period, derived=d).pack()
+            out = self._called(self.answer, p, u, x, self.sample_period, derived=d)
+            y = self._packed(out, self.outputs, self.answer)
         dy = ca.densify(ca.jtimes(y, arguments[2], du))
         names = [*"pdux", "r", "du"]
         return ca.Function("slope", [*arguments, du], [dy], names, ["dy"], {"cse": True})
@@ -188,11 +225,11 @@ class Model:
         """`p -> d`, columns."""
         p = self._symbol.sym("p", self.parameters.size())
         derived = (
-            self.derive(self.parameters.unpack(p), self.sample_period)
+            self._called(self.derive, self.parameters.unpack(p), self.sample_period)
             if self.derive
             else NoDerived()
         )
-        packed = derived.pack()
+        packed = self._packed(derived, self.derived, self.derive or self.step)
         if self.matrix and not isinstance(packed, ca.MX):
             packed = ca.MX(ca.evalf(packed))  # numbers, or nothing at all
         return ca.Function("derive", [p], [packed], ["p"], ["d"], {"cse": True})

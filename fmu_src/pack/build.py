@@ -8,6 +8,7 @@ from pathlib import Path
 
 from fmu_src.errors import SteadytipError
 from fmu_src.kit.model import Model
+from fmu_src.model_files import is_model_file
 from fmu_src.pack import cache, compiler, fingerprint
 from fmu_src.pack.discovery import load_model, model_names
 from fmu_src.pack.fmu import archive
@@ -19,7 +20,7 @@ _BUILD = Path("build")
 
 
 def build(
-    names: Iterable[str] | None = None,
+    models: str | Path | Model | Iterable[str | Path | Model] | None = None,
     flavour: str = "native",
     out: Path | None = None,
     progress: Callable[[str], None] = lambda name: None,
@@ -29,32 +30,76 @@ def build(
 
     A stamp beside each FMU holds a digest of the sources that it is made of, so that an FMU known
     to be up to date costs no import of its model. One that was built of the same sources before is
-    kept, and so is each compiled library.
+    kept, and so is each compiled library. A model of the user's own is known by what was recorded
+    of it; the name of its FMU in `build/fmus` ends with a digest, so that one version of it never
+    takes the place of another, nor of a model that comes along.
 
     Args:
-        names: models; all by default.
+        models: one or several; all that come along by default. A name, as in `models()`; a Python
+            file of your own, `lowpass.py`, with all models that it defines, or one of them,
+            `lowpass.py:LowPass`; or a `Model`, from a notebook or a script.
         flavour: `native` (C, this platform) or `python`.
         out: folder of the FMUs; `build/fmus/<flavour>` by default.
         progress: called with a model's name before it is built; not for one that is up to date.
         targets: platforms of a native FMU, by folder name, or `all`; this one by default.
 
     Returns:
-        Path of each FMU.
+        Path of each FMU, by the model's name.
 
     Raises:
-        SteadytipError: an unknown model, flavour or target, or a compiler that refuses.
+        SteadytipError: an unknown model, flavour or target, a file or a step that fails, two models
+            of one name, or a compiler that refuses.
     """
     if flavour not in FLAVOURS:
         raise SteadytipError(f"flavour '{flavour}' must be one of {', '.join(FLAVOURS)}")
     folder = out or _BUILD / "fmus" / flavour
-    wanted = model_names() if names is None else names
+    wanted = model_names() if models is None else models
+    several = [wanted] if isinstance(wanted, str | Path | Model) else wanted
     platforms = compiler.select_targets(targets) if flavour == "native" else []
+    chosen: dict[str, str | Model] = {}
+    for name, model in (found for each in several for found in _found(each)):
+        if chosen.setdefault(name, model) is not model and chosen[name] != model:
+            raise SteadytipError(f"two models are called '{name}': build one at a time, or rename")
     return {
         name: build_file(
             folder / f"{name}.fmu", [name], partial(load_model, name), flavour, platforms, progress
         )
-        for name in wanted
+        if isinstance(model, str)
+        else _build_own(model, folder, out is None, flavour, platforms, progress)
+        for name, model in chosen.items()
     }
+
+
+def _found(wanted: str | Path | Model) -> Iterator[tuple[str, str | Model]]:
+    """Yield the name of each model that is meant, and the model itself if it is a user's own."""
+    if isinstance(wanted, Model):
+        from fmu_src.pack.own_models import check
+
+        yield wanted.name, check(wanted)
+    elif isinstance(wanted, Path) or is_model_file(wanted):
+        if not is_model_file(str(wanted)):
+            raise SteadytipError(f"{wanted} must be a Python file, as in lowpass.py")
+        from fmu_src.pack.own_models import load_models
+
+        yield from ((model.name, model) for model in load_models(str(wanted)))
+    else:
+        yield wanted, wanted
+
+
+def _build_own(
+    model: Model,
+    folder: Path,
+    versioned: bool,
+    flavour: str,
+    platforms: list[str],
+    progress: Callable[[str], None],
+) -> Path:
+    """Build the FMU of a user's own model; see `build`."""
+    from fmu_src.pack.own_models import recorded_digest
+
+    digest = recorded_digest(model)
+    path = folder / (f"{model.name}-{digest[:8]}.fmu" if versioned else f"{model.name}.fmu")
+    return build_file(path, [], lambda: model, flavour, platforms, progress, digest)
 
 
 def build_file(

@@ -4,9 +4,12 @@ import hashlib
 import json
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass, field
+from functools import cached_property
 from pathlib import Path
 
 from fmu_src.kit.container import Container, Member, MemberLink, contain
+from fmu_src.kit.model import Model
+from fmu_src.model_files import is_model_file
 from fmu_src.pack import compiler
 from fmu_src.pack.build import build_file
 from fmu_src.pack.discovery import load_model
@@ -18,7 +21,8 @@ class ContainerPlan:
 
     Attributes:
         name: of the container, a C identifier.
-        members: in run order: name of the member and of its model.
+        members: in run order: name of the member and its model: a name, or a file of the user's own
+            that defines it.
         links: between members; see `fmu_src.kit.container.MemberLink`.
         sample_period: the tick [s].
         starts: of each member, parameters that start elsewhere than the model's, by scalar names.
@@ -33,7 +37,22 @@ class ContainerPlan:
     @property
     def digest(self) -> str:
         """Digest of everything in the plan, hexadecimal."""
-        return hashlib.sha256(json.dumps(asdict(self)).encode()).hexdigest()
+        found = hashlib.sha256(json.dumps(asdict(self)).encode())
+        for model in self._own.values():
+            from fmu_src.pack.own_models import recorded_digest
+
+            found.update(recorded_digest(model).encode())
+        return found.hexdigest()
+
+    @cached_property
+    def _own(self) -> dict[str, Model]:
+        """Models in files of the user's own, by how the members name them; read once."""
+        files = [model for _, model in self.members if is_model_file(model)]
+        if not files:
+            return {}
+        from fmu_src.pack.own_models import load_own_model
+
+        return {file: load_own_model(file) for file in files}
 
     def contain(self) -> Container:
         """Return the container.
@@ -42,7 +61,7 @@ class ContainerPlan:
             SteadytipError: see `fmu_src.kit.container.contain`; or no such model.
         """
         members = [
-            Member(name, load_model(model), self.starts.get(name, {}))
+            Member(name, self._own.get(model) or load_model(model), self.starts.get(name, {}))
             for name, model in self.members
         ]
         return contain(self.name, members, self.links, self.sample_period)
@@ -68,7 +87,7 @@ def build_container(
     Raises:
         SteadytipError: see `Plan.contain`, or a compiler that refuses.
     """
-    models = [model for _, model in plan.members]
+    models = [model for _, model in plan.members if not is_model_file(model)]
     return build_file(
         path,
         models,

@@ -11,7 +11,12 @@ from harness.cli.options import Overrides, console
 
 
 def build(
-    models: Annotated[list[str] | None, typer.Argument(help="Models; all by default.")] = None,
+    models: Annotated[
+        list[str] | None,
+        typer.Argument(
+            help="Names, or files of your own: lowpass.py, lowpass.py:LowPass. All by default."
+        ),
+    ] = None,
     flavour: Annotated[str, typer.Option(help="native or python.")] = "native",
     out: Annotated[Path | None, typer.Option(help="Folder of the FMUs.")] = None,
     target: Annotated[

@@ -19,6 +19,7 @@ from harness.cli.convert import convert
 from harness.cli.hil import board, hil, replay
 from harness.cli.identify import app as identify
 from harness.cli.info import info
+from harness.cli.new import new
 from harness.cli.options import console, errors
 from harness.cli.reproduce import reproduce
 from harness.cli.run import run
@@ -35,6 +36,7 @@ app = typer.Typer(
 for _command in (
     run,
     sweep,
+    new,
     build,
     validate,
     info,

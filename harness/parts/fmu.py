@@ -10,15 +10,15 @@ from typing import Any
 import numpy as np
 
 from fmu_src.errors import range_text
+from fmu_src.model_files import is_model_file
 from harness.common.errors import FaultError, ProblemsError, nearest
-from harness.common.files import is_path
 from harness.common.types import FloatArray
 from harness.parts.description import Description, Variable, describe
 from harness.parts.fmi import Instance
 from harness.parts.isolated import IsolatedInstance
 from harness.parts.ports import Port
 from harness.parts.protocols import FmuCalls, RunContext, Settings
-from harness.parts.settings import FmuSettings, check_settings
+from harness.parts.settings import FmuSettings, check_settings, names_model
 from harness.parts.ssv import read_ssv
 
 _Value = float | int | bool | str
@@ -308,13 +308,23 @@ class FmuPart:
 
 def _is_model(table: Settings) -> bool:
     name = table.get("fmu")
-    return isinstance(name, str) and not is_path(name)
+    return isinstance(name, str) and names_model(name)
 
 
 def _build(names: list[str], flavour: str, progress: Callable[[str], None]) -> dict[str, Path]:
     from fmu_src import pack
 
-    return pack.build(names, flavour, progress=lambda name: progress(f"building {name}"))
+    def say(name: str) -> None:
+        progress(f"building {name}")
+
+    found = pack.build([n for n in names if not is_model_file(n)], flavour, progress=say)
+    own = [name for name in names if is_model_file(name)]
+    if own:
+        from fmu_src.pack.own_models import load_own_model
+
+        for name in own:
+            (found[name],) = pack.build(load_own_model(name), flavour, progress=say).values()
+    return found
 
 
 def _flat(table: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -1,6 +1,7 @@
 """Settings of each kind of part: which keys its table in a scenario has.
 
     fmu = "Hand"                an FMU: a model that is built, or the path of a file
+    fmu = "lowpass.py"          an FMU: built from a model in a file of the user's own
     recorded = "run.parquet"    outputs of a part as another run recorded them
     replay = "hand.csv"         a recorded motion
     can = "instrument"          the loop's end of a CAN bus, or the board's
@@ -15,6 +16,7 @@ from typing import Annotated, Any, ClassVar, TypeVar
 
 from pydantic import BaseModel, ConfigDict, Field, ValidationError
 
+from fmu_src.model_files import is_model_file
 from harness.common.errors import ProblemsError
 from harness.common.files import is_path
 from harness.common.validation_errors import explain
@@ -28,6 +30,7 @@ __all__ = [
     "RecordedSettings",
     "ReplaySettings",
     "check_settings",
+    "names_model",
     "settings_of",
 ]
 
@@ -55,7 +58,8 @@ class FmuSettings(KindSettings):
     """Settings of an FMU part; every other key is a start value of the FMU.
 
     Attributes:
-        fmu: path of the file, or name of a model that is built.
+        fmu: path of the file, or a model that is built: its name, or the Python file that defines
+            it, `lowpass.py` or `lowpass.py:LowPass`.
         flavour: of a model that is built.
         parameters: path of an `.ssv` file with start values.
         isolate: whether the FMU runs in a process of its own, so that a crash or a hang in it ends
@@ -72,8 +76,13 @@ class FmuSettings(KindSettings):
 
     @property
     def is_model(self) -> bool:
-        """True if the FMU is built from a model."""
-        return not is_path(self.fmu)
+        """True if the FMU is built from a model, one that comes along or a file of the user's."""
+        return names_model(self.fmu)
+
+
+def names_model(fmu: str) -> bool:
+    """Return whether the value of `fmu` is a model to be built, and not an FMU's file."""
+    return is_model_file(fmu) or not is_path(fmu)
 
 
 class RecordedSettings(KindSettings):

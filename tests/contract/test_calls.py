@@ -60,9 +60,9 @@ def test_fixed_parameters_and_outputs_cannot_be_set_while_stepping(model, start)
 
 
 def test_wrong_guid_and_missing_name_give_no_instance(paths, folders) -> None:
-    from tests.contract.conftest import Instance
+    from steadytip.testing import FmuUnderTest
 
-    instance = Instance(paths["native"], folders["native"])
+    instance = FmuUnderTest(paths["native"], folders["native"])
     fmu = instance.fmu
     guid = fmu.guid.encode()
     for name, text in ((b"x", b"{0}"), (b"", guid), (None, guid), (b"x", None)):

@@ -10,7 +10,7 @@ from fmu_src.kit.model import Model
 from fmu_src.kit.records import Derived, Inputs, real
 from fmu_src.pack.compiler import host
 from fmu_src.pack.fmu import archive, native
-from tests.contract.conftest import Instance
+from steadytip.testing import FmuUnderTest
 
 pytestmark = pytest.mark.xdist_group("failing_model")  # its tests share what takes long
 
@@ -63,7 +63,7 @@ def fmu(tmp_path_factory):
     [(-1.0, "root became nan at t = 1 s, it must be finite"), (7.0, "small became 7 at t = 1 s")],
 )
 def test_outputs_that_break_their_promise_end_the_run_by_name_and_time(fmu, x, words) -> None:
-    instance = Instance(*fmu)
+    instance = FmuUnderTest(*fmu)
     instance.step()
     instance.step()
     good = instance.fmu.getFMUState()
@@ -88,11 +88,11 @@ def test_outputs_that_break_their_promise_end_the_run_by_name_and_time(fmu, x, w
 
 def test_parameters_that_make_no_sense_together_are_named(fmu) -> None:
     with pytest.raises(FMICallException):
-        Instance(*fmu, divisor=0.0)
+        FmuUnderTest(*fmu, divisor=0.0)
 
 
 def test_instance_can_be_freed_in_every_state(fmu) -> None:
-    broken = Instance(*fmu)
+    broken = FmuUnderTest(*fmu)
     broken.apply({"x": -1.0})
     with pytest.raises(FMICallException):
         broken.step()

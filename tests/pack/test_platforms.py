@@ -17,7 +17,7 @@ from fmu_src.pack.compiler import COMMAND, FOLDER, TARGETS, host
 from harness.validation import validate as _validate  # noqa: F401 - registers the checks
 from harness.validation.checks import FILES
 from harness.validation.files import Fmu
-from tests.contract.conftest import Instance
+from steadytip.testing import FmuUnderTest
 
 HOST = Path(__file__).with_name("host.c")
 STEPS = 40
@@ -104,7 +104,7 @@ def test_binaries_repeat_to_the_byte(everywhere, tmp_path) -> None:
 
 def write_case(path: Path, folder: Path, case: Path) -> np.ndarray:
     """Run an FMU here; write state and inputs before every step; return the values after it."""
-    instance = Instance(path, folder)
+    instance = FmuUnderTest(path, folder)
     inputs = [v for v in instance.variables if v.causality == "input" and v.type == "Real"]
     reals = [v for v in instance.variables if v.type == "Real"]
     references = [np.array([v.valueReference for v in vs], np.uint32) for vs in (inputs, reals)]

@@ -12,8 +12,8 @@ from fmu_src.pack import build
 from fmu_src.pack.codegen import c_source
 from fmu_src.pack.compiler import COMMAND, compile_library
 from fmu_src.pack.discovery import load_model
+from steadytip.testing import FmuUnderTest
 from tests.conftest import by_model
-from tests.contract.conftest import Instance
 
 STRICT = ["-std=c99", "-Wall", "-Wextra", "-Werror", "-pedantic"]
 HOSTILE = Path(__file__).with_name("hostile.c")
@@ -143,7 +143,7 @@ def test_single_precision_costs_what_the_readme_says(name, tmp_path) -> None:
 
     role = {"MicronEstimator": "estimator", "TremorCanceller": "controller"}[name]
     source = {"MicronEstimator": "sensors", "TremorCanceller": "estimator"}[name]
-    instance = Instance(path, folder)
+    instance = FmuUnderTest(path, folder)
     inputs = [v for v in instance.variables if v.causality == "input"]
     outputs = [v for v in instance.variables if v.causality == "output" and v.type == "Real"]
     recorded = set(run.table.column_names)
@@ -183,7 +183,7 @@ def test_fmpy_compiles_the_sources_of_an_fmu(tmp_path) -> None:
     build_platform_binary(theirs, cmake)
     results = []
     for folder in (ours, theirs):
-        instance = Instance(path, folder)
+        instance = FmuUnderTest(path, folder)
         instance.apply({"volts_a1x": 2.6})
         for _ in range(50):
             instance.step()

@@ -1,13 +1,16 @@
 """Variables of a model as rows of a table."""
 
 import math
-import sys
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
 from itertools import groupby
+from pathlib import Path
 
 from fmu_src.kit.model import Model
+from fmu_src.kit.places import namespace
 from fmu_src.kit.records import Field, Record
+
+_TYPED = "a notebook or an interpreter"
 
 
 @dataclass(frozen=True)
@@ -42,8 +45,14 @@ def rows(record: type[Record], prefix: str = "") -> Iterator[VariableRow]:
 
 
 def source(model: Model) -> str:
-    """Return the path of the model's module in the project."""
-    return sys.modules[model.step.__module__].__name__.replace(".", "/") + ".py"
+    """Return the path of the model's module in its project, or the name of a file by itself.
+
+    A model that was typed into an interpreter or a notebook has no file.
+    """
+    module = namespace(model.step)
+    if module.get("__package__"):
+        return str(module["__name__"]).replace(".", "/") + ".py"
+    return Path(module.get("__file__") or _TYPED).name
 
 
 def _start(values: Iterable[float]) -> str:
