@@ -165,8 +165,9 @@ def test_memory_stays_flat_over_many_runs(small):
     for _ in range(8):
         last = after(len(plan))
     stand.close()
-    # Pages of 4 KiB over 288 runs: a loop whose signals were kept would add 30 times as many.
-    assert last - before < 512
+    # Pages of 4 KiB over 288 runs. A loop whose signals were kept would add 15 000; a process that
+    # has run other tests before breaks its memory into pieces, and adds some thousand.
+    assert last - before < 5_000
 
 
 @pytest.mark.slow
