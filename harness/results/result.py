@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from fmu_src.errors import SteadytipError
-from harness.common.errors import RecordError, nearest
+from harness.common.errors import nearest
 from harness.common.files import replacing
 from harness.common.patterns import matching
 from harness.recordings.findings import Finding
@@ -54,31 +54,15 @@ class Result:
         """Refer to a record; of its signals, those are read that are asked for."""
         self.file = file
         self.path = file.parent
-        self._identity = _identity(file)
 
     @cached_property
     def table(self) -> pa.Table:
         """Signals: `time` and `part.port`, units in the fields' metadata."""
-        self._check_record()
         return read_record(self.file)
 
     @cached_property
     def _schema(self) -> pa.Schema:
-        self._check_record()
         return read_schema(self.file)
-
-    def _check_record(self) -> None:
-        """Refuse to read another run's record.
-
-        Raises:
-            RecordError: the file is not the one that this result was made of.
-        """
-        if _identity(self.file) != self._identity:
-            raise RecordError(
-                f"{self.file} was replaced or removed after this result was read: another run "
-                "wrote to the folder. Give each run its own folder, or read it anew with "
-                "steadytip.read"
-            )
 
     @cached_property
     def metadata(self) -> RunMetadata:
@@ -138,7 +122,6 @@ class Result:
         return self._columns(names) if names else None
 
     def _columns(self, names: Sequence[str]) -> FloatArray:
-        self._check_record()
         # A record that still grows is read once: all signals are of the same ticks.
         table = read_record(self.file, names) if is_finished(self.file) else self.table
         values = np.empty((len(table), len(names)))
@@ -193,16 +176,6 @@ class Result:
         with replacing(target) as part:
             part.write_text(json.dumps(values, indent=2, ensure_ascii=False) + "\n", "utf-8")
         return target
-
-
-def _identity(file: Path) -> tuple[int, ...]:
-    """Return numbers that tell one file from another of its name; none of a file that is gone."""
-    try:
-        found = file.stat()
-    except OSError:
-        return ()
-    # A record that still grows changes its time and size.
-    return (found.st_ino, *((found.st_mtime_ns, found.st_size) if is_finished(file) else ()))
 
 
 def read(path: str | os.PathLike[str]) -> Result:

@@ -65,16 +65,6 @@ def test_a_folder_is_held_by_one_run(tmp_path):
     assert _run(1, out=tmp_path / "out").file.is_file()
 
 
-def test_a_result_whose_record_was_replaced_says_so(tmp_path):
-    first = _run(1, out=tmp_path / "out")
-    kept = first.metrics
-    second = _run(2, out=tmp_path / "out")
-    with pytest.raises(st.RecordError, match="was replaced or removed after this result was read"):
-        first.signals("instrument.tip_x")
-    assert kept["reduction_in_band"].value != second.metrics["reduction_in_band"].value
-    assert second.signals("instrument.tip_x").shape == (2000,)
-
-
 @pytest.mark.slow
 def test_a_killed_run_leaves_the_others_whole(here):
     code = (
