@@ -6,7 +6,6 @@ import os
 import platform
 import tempfile
 from collections.abc import Callable, Collection, Mapping
-from contextlib import suppress
 from dataclasses import asdict
 from importlib.metadata import version
 from pathlib import Path
@@ -180,8 +179,6 @@ def _perform(
         metadata = metadata.model_copy(update=session.closed(outcome))
     if outcome.ticks == 0:
         recorder.discard()
-        with suppress(OSError):
-            folder.rmdir()  # nothing was recorded: leave no empty folder behind
         early = outcome.error or StoppedError("stopped before the first tick")
         early.args = (". ".join((str(early), *(metadata.hil or {}).get("notes", ()))),)
         raise early
